@@ -1,0 +1,372 @@
+"""The arena file: one TOML table to a frozen :class:`Arena`, every fault reported at once.
+
+Sections: ``arena`` (the floor), ``link`` (the network), ``mocap`` (poses in), ``control`` (the
+law), ``platform`` (the body), ``safety`` (failsafe thresholds), ``targets``, ``robots``.
+Lengths in metres, angles in radians, frame as in :mod:`contract.units`.
+"""
+
+import hashlib
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from contract.tables import Fault, join, nearest, read_table, show
+from contract.units import Point, Radians, RobotId
+
+Positive = Annotated[float, Meta(gt=0.0, le=1000.0)]
+Port = Annotated[int, Meta(ge=1, le=65535)]
+SiteName = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
+Interval = tuple[Positive, Positive]
+
+FILE_VERSION = 1
+
+
+class Floor(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[arena]``: the floor and the site's name."""
+
+    name: SiteName
+    """Site name: first chunk of every key on the network."""
+    size_m: tuple[Annotated[float, Meta(ge=0.5, le=500.0)], Annotated[float, Meta(ge=0.5, le=500.0)]]
+    fence_m: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.15
+    """Robot centres are kept this far inside the edge."""
+
+
+class Link(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[link]``: how the processes find each other."""
+
+    router: Annotated[str, Meta(pattern="^(tcp|tls|quic)/.+:[0-9]+$")] = "tcp/127.0.0.1:7447"
+    insecure: bool = False
+    """Allow a non-loopback router without certificates; every screen then says so."""
+
+
+class Mocap(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[mocap]``: where poses come from."""
+
+    source: Literal["natnet", "replay", "qualisys", "external"] = "natnet"
+    server: str = "127.0.0.1"
+    local_address: str = "127.0.0.1"
+    """Address of this machine's interface towards the motion-capture network."""
+    multicast_group: str = ""
+    """Empty: unicast."""
+    command_port: Port = 1510
+    data_port: Port = 1511
+    version: Annotated[str, Meta(pattern="^[0-9]+\\.[0-9]+$")] = "4.1"
+    """NatNet version to ask for; the server's own version wins where it is older."""
+    up_axis: Literal["y", "z"] = "y"
+    frame_rate_hz: Annotated[float, Meta(ge=10.0, le=1000.0)] = 120.0
+    """Nominal rate: the emulated server streams at it, the bridge warns when 10 % off."""
+    origin_m: Point = (0.0, 0.0)
+    """Motion-capture coordinates of the arena frame's origin, after the change to z up."""
+    rotation_rad: Radians = 0.0
+    """Heading of the arena's x axis in motion-capture coordinates, after the change to z up."""
+    max_body_speed_mps: Positive = 2.0
+
+
+class FieldControl(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[control.field]``: what the ``field`` profile needs beside the paper's parameters."""
+
+    brake_deceleration_mps2: Interval = (1.6, 2.4)
+    """Calibrated interval of the wheel deceleration."""
+    motor_lag_s: Interval = (0.06, 0.15)
+    """Calibrated interval of the first-order lag from command to wheel speed."""
+    max_pose_age_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.15
+    link_margin_m: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.02
+    target_knowledge: Literal["own", "shared"] = "own"
+
+
+class PaperControl(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[control.paper]``: what only the letter of the paper needs."""
+
+    cohesion_weight: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.75
+    """alpha of eq. 12."""
+    run_step_s: Annotated[float, Meta(ge=0.001, le=1.0)] = 0.01
+    """delta t of eq. 13."""
+
+
+class Control(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[control]``: parameters of section IV-A and the profile that uses them."""
+
+    profile: Literal["field", "paper"] = "field"
+    sensing_radius_m: Positive = 1.0
+    """r_c"""
+    critical_margin_m: Positive = 0.2
+    """epsilon = r_c - r_n"""
+    avoidance_radius_m: Positive = 0.20
+    """r_a"""
+    separation_weight: Annotated[float, Meta(ge=0.0, le=100.0)] = 1.0
+    """beta of eq. 12"""
+    alignment_weight: Annotated[float, Meta(ge=0.0, le=100.0)] = 1.0
+    """gamma of eq. 12"""
+    max_speed_mps: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.8
+    control_period_s: Annotated[float, Meta(ge=0.002, le=0.2)] = 0.01
+    state_period_s: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.02
+    """A robot tells its neighbours how it is this often."""
+    occupying_time_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 1.0
+    reach_m: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.05
+    field: FieldControl = FieldControl()
+    paper: PaperControl = PaperControl()
+
+    @property
+    def noncritical_radius_m(self) -> float:
+        """r_n"""
+        return self.sensing_radius_m - self.critical_margin_m
+
+
+class Platform(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[platform]``: the robot body, common to all unless a robot's calibration says otherwise."""
+
+    diameter_m: Annotated[float, Meta(ge=0.01, le=2.0)] = 0.14
+    wheel_radius_m: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.03
+    wheel_separation_m: Annotated[float, Meta(ge=0.01, le=2.0)] = 0.11
+    max_acceleration_mps2: Annotated[float, Meta(ge=0.05, le=50.0)] = 2.0
+    """Of the wheel rim. Emulated motors and the gate's slew limit use it."""
+    motor_lag_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.1
+    """Emulated motors only."""
+    coast_deceleration_mps2: Annotated[float, Meta(ge=0.01, le=50.0)] = 0.6
+    """Of a released (coasting) motor: safety arithmetic and emulated motors."""
+
+
+class Safety(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[safety]``: thresholds of the failsafes (docs/safety.md)."""
+
+    max_pose_age_s: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.15
+    pose_silence_s: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.15
+    heartbeat_timeout_s: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.5
+    neighbour_silence_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
+    driver_silence_s: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.25
+    command_age_s: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.1
+    """The gate sends zeros once its last command is older."""
+    watchdog_s: Annotated[float, Meta(ge=0.02, le=2.0)] = 0.2
+    """The motor controller's own: it lets go of the motors after this silence."""
+    loop_overrun_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.1
+    stop_settle_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
+    """STOP disables the motors after this, or as soon as the wheels rest."""
+    min_distance_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.15
+    """Centre distance below which the supervisor stops motion towards another robot."""
+    battery_low_v: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+    battery_critical_v: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+
+
+class Targets(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[targets]``: a seeded cloud, or points given one by one."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)] = 19
+    seed: Annotated[int, Meta(ge=0, le=(1 << 32) - 1)] = 1
+    points: tuple[Point, ...] = ()
+    """Where given, ``count`` and ``seed`` are not used."""
+    start_direction_rad: Radians | None = None
+    """Where the swarm is pointed at the start; unset: towards the middle of the cloud."""
+
+
+class Robot(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[robots.ID]``: one robot."""
+
+    body: Annotated[str, Meta(min_length=1, max_length=64)]
+    """Name of its rigid body in the motion-capture system."""
+    start: Point
+    wheels: dict[str, Any]
+    """``kind`` names the controller family; the other keys belong to it (see drivers/)."""
+    heading_rad: Radians = 0.0
+    heading_offset_rad: Radians = 0.0
+    """Heading of the robot minus heading of its rigid body, from calibration."""
+    emulate: tuple[Literal["wheels", "body"], ...] = ()
+    """Parts that are emulated rather than real. Default: all real."""
+
+
+class Arena(Struct, frozen=True, forbid_unknown_fields=True):
+    """A whole arena file, checked."""
+
+    arena: Floor
+    robots: dict[RobotId, Robot]
+    link: Link = Link()
+    mocap: Mocap = Mocap()
+    control: Control = Control()
+    platform: Platform = Platform()
+    safety: Safety = Safety()
+    targets: Targets = Targets()
+    version: Literal[1] = 1
+    """Version of the file format."""
+
+
+class ArenaError(ValueError):
+    """The arena file is not usable; ``faults`` lists everything wrong with it."""
+
+    def __init__(self, source: str, faults: list[Fault]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        lines = "\n".join(f"  {fault}" for fault in faults)
+        plural = "" if len(faults) == 1 else "s"
+        super().__init__(f"{source}: {len(faults)} fault{plural}\n{lines}")
+
+
+WheelCheck = Callable[[Mapping[str, Any], str], list[Fault]]
+"""Checks one ``wheels`` table given its path; the drivers room provides it."""
+
+
+def load(path: Path, wheel_check: WheelCheck | None = None) -> Arena:
+    """Read and check an arena file.
+
+    :raises ArenaError: unreadable, not TOML, or any fault in it; all faults are listed.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ArenaError(str(path), [Fault("file", str(path), error.strerror or str(error))]) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ArenaError(str(path), [Fault("file", str(path), f"not TOML: {error}")]) from None
+    return parse(table, str(path), wheel_check)
+
+
+def parse(table: dict[str, Any], source: str, wheel_check: WheelCheck | None = None) -> Arena:
+    """A checked Arena from a TOML table.
+
+    :raises ArenaError: listing every fault found.
+    """
+    faults: list[Fault] = []
+    arena: Arena | None = read_table(Arena, table, "", faults)
+    faults += _unused_profile(table)
+    robots = table.get("robots")
+    if wheel_check is not None and isinstance(robots, dict):
+        for name, robot in robots.items():
+            if isinstance(robot, dict) and isinstance(robot.get("wheels"), dict):
+                faults += wheel_check(robot["wheels"], f"robots.{name}.wheels")
+    if arena is not None:
+        faults += _cross_checks(arena)
+    if faults or arena is None:
+        raise ArenaError(source, faults)
+    return arena
+
+
+def table_of(arena: Arena) -> dict[str, Any]:
+    """The arena as plain TOML-able tables, defaults written out, the unused profile left off."""
+    table: dict[str, Any] = _without_none(msgspec.to_builtins(arena))
+    del table["control"]["paper" if arena.control.profile == "field" else "field"]
+    return table
+
+
+def digest(arena: Arena) -> str:
+    """Twelve hexadecimal digits that differ whenever two resolved arena files differ."""
+    return hashlib.sha256(msgspec.json.encode(table_of(arena), order="sorted")).hexdigest()[:12]
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
+    return value
+
+
+def _unused_profile(table: dict[str, Any]) -> list[Fault]:
+    control = table.get("control")
+    if not isinstance(control, dict):
+        return []
+    profile = control.get("profile", "field")
+    return [
+        Fault(f"control.{other}", "", f'not used by profile "{profile}"; remove the section')
+        for other in ("field", "paper")
+        if other != profile and other in control
+    ]
+
+
+def _cross_checks(arena: Arena) -> list[Fault]:
+    """What no single key shows: relations between keys, each named by the key to change."""
+    faults: list[Fault] = []
+
+    def fault(path: str, value: object, allowed: str, hint: str = "") -> None:
+        faults.append(Fault(path, show(value), allowed, hint))
+
+    control, floor, safety = arena.control, arena.arena, arena.safety
+    if not arena.robots:
+        fault("robots", "", "at least one robot is needed: [robots.r01]")
+    if not control.critical_margin_m < control.sensing_radius_m:
+        fault(
+            "control.critical_margin_m",
+            control.critical_margin_m,
+            "must be below sensing_radius_m (r_n = r_c - epsilon > 0)",
+        )
+    elif not control.avoidance_radius_m < control.noncritical_radius_m:
+        fault(
+            "control.avoidance_radius_m",
+            control.avoidance_radius_m,
+            f"must be below r_n = r_c - epsilon = {control.noncritical_radius_m:g}",
+        )
+    if control.avoidance_radius_m < arena.platform.diameter_m:
+        fault(
+            "control.avoidance_radius_m",
+            control.avoidance_radius_m,
+            f"must be at least platform.diameter_m = {arena.platform.diameter_m:g}",
+        )
+    for name, interval in (
+        ("brake_deceleration_mps2", control.field.brake_deceleration_mps2),
+        ("motor_lag_s", control.field.motor_lag_s),
+    ):
+        if interval[0] > interval[1]:
+            fault(f"control.field.{name}", list(interval), "must be [low, high] with low <= high")
+    if 2 * floor.fence_m + arena.platform.diameter_m >= min(floor.size_m):
+        fault("arena.fence_m", floor.fence_m, f"leaves no floor of {floor.size_m[0]:g} x {floor.size_m[1]:g} m")
+    faults += _robot_checks(arena)
+    for index, point in enumerate(arena.targets.points):
+        if not _inside(point, floor):
+            fault(f"targets.points[{index}]", list(point), _floor_text(floor))
+    if safety.battery_critical_v > safety.battery_low_v:
+        fault("safety.battery_critical_v", safety.battery_critical_v, "must not exceed safety.battery_low_v")
+    return faults
+
+
+def _robot_checks(arena: Arena) -> list[Fault]:
+    faults: list[Fault] = []
+    bodies: dict[str, str] = {}
+    floor = arena.arena
+    names = list(arena.robots)
+    for name, robot in arena.robots.items():
+        path = join("robots", name)
+        if robot.body in bodies:
+            faults.append(Fault(f"{path}.body", show(robot.body), f"already the body of {bodies[robot.body]}"))
+        bodies.setdefault(robot.body, name)
+        if not _inside(robot.start, floor):
+            faults.append(Fault(f"{path}.start", show(list(robot.start)), _floor_text(floor)))
+        if not isinstance(robot.wheels.get("kind"), str):
+            faults.append(
+                Fault(
+                    f"{path}.wheels.kind",
+                    show(robot.wheels.get("kind", "")),
+                    'needs the controller family, such as "odrive"',
+                )
+            )
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            gap = math.dist(arena.robots[first].start, arena.robots[second].start)
+            if gap < arena.control.avoidance_radius_m:
+                faults.append(
+                    Fault(
+                        f"robots.{second}.start",
+                        show(list(arena.robots[second].start)),
+                        f"is {gap:.2f} m from {first}; at least {arena.control.avoidance_radius_m:g} m (control.avoidance_radius_m) needed",
+                    )
+                )
+    return faults
+
+
+def _inside(point: Point, floor: Floor) -> bool:
+    return all(floor.fence_m <= c <= size - floor.fence_m for c, size in zip(point, floor.size_m, strict=True))
+
+
+def _floor_text(floor: Floor) -> str:
+    low, (width, height) = floor.fence_m, floor.size_m
+    return f"must lie inside the fence: x from {low:g} to {width - low:g}, y from {low:g} to {height - low:g}"
+
+
+def robot_or_fault(arena: Arena, name: str) -> Robot:
+    """The named robot.
+
+    :raises ArenaError: no such robot, naming those there are.
+    """
+    if name in arena.robots:
+        return arena.robots[name]
+    known = sorted(arena.robots)
+    hint = nearest(name, known) or f"robots: {', '.join(known)}"
+    raise ArenaError(arena.arena.name, [Fault(f"robots.{name}", "", "not in the arena file", hint)])

@@ -1,0 +1,35 @@
+"""Bounded scalar types; the name carries the unit, the bound says what is believable in an arena.
+
+Frames: the arena frame is right-handed, x along the first side of ``arena.size_m``, y along the
+second, z up; headings are counter-clockwise from x in (-pi, pi].
+Time: every ``*_ns`` is site time, nanoseconds of the monotonic clock of the host that runs the
+router; a robot converts its own monotonic clock into site time before it stamps anything.
+"""
+
+from typing import Annotated
+
+from msgspec import Meta
+
+RobotId = Annotated[str, Meta(pattern="^[a-z][a-z0-9_]{0,15}$", description="robot id, such as r06")]
+Metres = Annotated[float, Meta(ge=-1000.0, le=1000.0, description="m")]
+Distance = Annotated[float, Meta(ge=0.0, le=1000.0, description="m, not negative")]
+Radians = Annotated[float, Meta(ge=-3.1416, le=3.1416, description="rad, (-pi, pi]")]
+Speed = Annotated[float, Meta(ge=-20.0, le=20.0, description="m/s")]
+TurnRate = Annotated[float, Meta(ge=-200.0, le=200.0, description="rad/s")]
+Nanoseconds = Annotated[int, Meta(ge=0, le=(1 << 63) - 1, description="ns of site time")]
+Count = Annotated[int, Meta(ge=0, le=(1 << 53) - 1, description="count or sequence number")]
+Index = Annotated[int, Meta(ge=0, le=9999, description="index of a target in its cloud")]
+Volts = Annotated[float, Meta(ge=0.0, le=100.0, description="V")]
+Text = Annotated[str, Meta(max_length=400)]
+Name = Annotated[str, Meta(max_length=64)]
+Point = tuple[Metres, Metres]
+
+
+def metres(value: float) -> float:
+    """Round to the wire's 0.01 mm."""
+    return round(value, 5)
+
+
+def radians(value: float) -> float:
+    """Round to the wire's 0.01 mrad."""
+    return round(value, 5)
