@@ -1,0 +1,1 @@
+"""Runs on each robot computer: the control law, the supervisor, the agent and its runtime."""

@@ -1,0 +1,234 @@
+"""Limits on *any* law's velocity: the fence and the distance to other robots. Pure.
+
+Plant: each wheel rim obeys ``dv/dt = clip((command - v) / L, -a, a)``. From rim speed v with
+command zero it falls at ``a`` until ``v = a L`` and then decays exponentially, so it rolls
+
+    S(v) = v L                                     for v <= a L
+    S(v) = (v^2 - (a L)^2) / (2 a) + a L^2         for v >  a L
+
+which grows with L and falls with a: the weakest calibrated brake is (a_lo, L_hi). A command c kept
+for the reaction time T and followed by zero rolls at most ``D(v, c)``, see :func:`roll_m`.
+
+Share. With ``g`` the gap to a neighbour (distance less ``min_distance_m`` and what it may have
+done since it was seen), ``S_i`` and ``S_j`` the stopping distances of both towards each other, each
+robot may lengthen its own stop by half of what is left: ``D_i <= (g + S_i - S_j) / 2``. If both do
+so, ``D_i + D_j <= g``. A wall does not move: ``D <= g``.
+
+A limit shrinks the velocity, never reverses or enlarges it; motion away passes; zero passes.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from contract.arena import Arena
+
+REST_MPS = 0.02
+REACTION_S = 0.04
+"""From one command to the next that can correct it: a control period, a lost frame, the bus."""
+MAX_AGE_S = 0.5
+"""Older neighbours are taken to have come to rest within what this age allows."""
+
+
+class Bounds(NamedTuple):
+    """What the limits need to know of the arena, once."""
+
+    fence: tuple[float, float, float, float]
+    """x low, y low, x high, y high, m: the centre stays inside."""
+    min_distance_m: float
+    separation_m: float
+    """Between the wheels."""
+    deceleration_mps2: tuple[float, float]
+    """Calibrated brake interval, low and high."""
+    lag_s: tuple[float, float]
+    reaction_s: float = REACTION_S
+
+
+class Neighbour(NamedTuple):
+    """Another robot as last seen."""
+
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+    age_s: float
+
+
+class Limited(NamedTuple):
+    v_mps: float
+    omega_radps: float
+    by: str
+    """'' for unlimited, else 'fence', 'separation' or 'not finite'."""
+
+
+def bounds_of(arena: Arena) -> Bounds:
+    """The limits of an arena file; the paper profile's arena uses the default brake interval."""
+    floor = arena.arena
+    return Bounds(
+        fence=(floor.fence_m, floor.fence_m, floor.size_m[0] - floor.fence_m, floor.size_m[1] - floor.fence_m),
+        min_distance_m=arena.safety.min_distance_m,
+        separation_m=arena.platform.wheel_separation_m,
+        deceleration_mps2=arena.control.field.brake_deceleration_mps2,
+        lag_s=arena.control.field.motor_lag_s,
+        reaction_s=max(REACTION_S, 2 * arena.control.control_period_s),
+    )
+
+
+def inside_fence(bounds: Bounds, x_m: float, y_m: float, tolerance_m: float = 0.05) -> bool:
+    """Whether a centre is inside the fence, give or take what braking errors explain."""
+    low_x, low_y, high_x, high_y = bounds.fence
+    return low_x - tolerance_m <= x_m <= high_x + tolerance_m and low_y - tolerance_m <= y_m <= high_y + tolerance_m
+
+
+def stop_m(v_mps: float, deceleration_mps2: float, lag_s: float) -> float:
+    """S(v), m: distance rolled from speed ``v >= 0`` with command zero (module docstring)."""
+    knee = deceleration_mps2 * lag_s
+    if v_mps <= knee:
+        return v_mps * lag_s
+    return (v_mps * v_mps - knee * knee) / (2 * deceleration_mps2) + knee * lag_s
+
+
+def respond(
+    v_mps: float, command_mps: float, time_s: float, acceleration_mps2: float, lag_s: float
+) -> tuple[float, float]:
+    """(distance m, speed m/s) after a constant command for ``time_s``: ramp, then exponential."""
+    error = v_mps - command_mps
+    knee = acceleration_mps2 * lag_s
+    distance = 0.0
+    if abs(error) > knee:
+        ramp_s = min(time_s, (abs(error) - knee) / acceleration_mps2)
+        slope = -math.copysign(acceleration_mps2, error)
+        distance = v_mps * ramp_s + slope * ramp_s * ramp_s / 2
+        v_mps += slope * ramp_s
+        time_s -= ramp_s
+        error = v_mps - command_mps
+    decay = math.exp(-time_s / lag_s) if lag_s > 0 else 0.0
+    distance += command_mps * time_s + error * lag_s * (1 - decay)
+    return distance, command_mps + error * decay
+
+
+def roll_m(v_mps: float, command_mps: float, bounds: Bounds) -> float:
+    """D(v, c), m: the farthest the rim gets when ``c`` stands for the reaction time, then zero.
+
+    Both speeds are along the direction of interest and not negative. Speeding up is judged with the
+    strongest drive, braking with the weakest brake.
+    """
+    weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
+    strong = bounds.deceleration_mps2[1], bounds.lag_s[0]
+    distance, speed = respond(v_mps, command_mps, bounds.reaction_s, *(strong if command_mps > v_mps else weak))
+    return distance + stop_m(speed, *weak)
+
+
+def limit(
+    v_mps: float,
+    omega_radps: float,
+    pose: tuple[float, float, float],
+    wheels_mps: tuple[float, float],
+    neighbours: Sequence[Neighbour | tuple[float, float, float, float, float]],
+    bounds: Bounds,
+) -> Limited:
+    """The nearest velocity on the same curve that the fence and the neighbours allow.
+
+    :param pose: own x m, y m, heading rad, dead-reckoned to now.
+    :param wheels_mps: measured rim speeds, left and right.
+    """
+    if not (math.isfinite(v_mps) and math.isfinite(omega_radps) and all(map(math.isfinite, (*pose, *wheels_mps)))):
+        return Limited(0.0, 0.0, "not finite")
+    if v_mps == 0.0:
+        return Limited(0.0, omega_radps, "")
+    direction = math.copysign(1.0, v_mps)
+    arc = _Arc(v_mps, omega_radps, pose[2], wheels_mps, bounds)
+    allowed, by = 1.0, ""
+    for bearing, gap, theirs, name in _obstacles(pose, neighbours, bounds):
+        towards = arc.towards(bearing)
+        if towards <= 0.0:
+            continue
+        share = gap if name == "fence" else (gap + towards * arc.committed_m - theirs) / 2
+        room = max(share, 0.0) / towards
+        fraction = arc.fraction(room)
+        if fraction < allowed:
+            allowed, by = fraction, name
+    if not by:
+        return Limited(v_mps, omega_radps, "")
+    speed = allowed * abs(v_mps)
+    moving = max(abs(wheels_mps[0]), abs(wheels_mps[1])) > REST_MPS
+    omega = omega_radps * allowed if speed > 0.0 or moving else omega_radps
+    return Limited(direction * speed, omega, by)
+
+
+class _Arc:
+    """How far, and into which directions, one command and the brake after it can take this robot."""
+
+    def __init__(
+        self, v_mps: float, omega_radps: float, heading_rad: float, wheels_mps: tuple[float, float], bounds: Bounds
+    ) -> None:
+        sign = 1.0 if v_mps > 0 else -1.0
+        half = bounds.separation_m / 2
+        self._bounds = bounds
+        self._commands = tuple(max(0.0, sign * v_mps + side * half * omega_radps) for side in (-sign, sign))
+        self._speeds = tuple(max(0.0, sign * wheel) for wheel in wheels_mps)
+        weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
+        self.committed_m = sum(stop_m(speed, *weak) for speed in self._speeds) / 2
+        self._heading = heading_rad if sign > 0 else heading_rad + math.pi
+        measured = (wheels_mps[1] - wheels_mps[0]) / (2 * half)
+        self._left = self._turn(max(0.0, measured, omega_radps))
+        self._right = self._turn(max(0.0, -measured, -omega_radps))
+
+    def _turn(self, rate_radps: float) -> float:
+        """Angle turned at most: rate kept for the reaction time, then braked (rim: rate * b / 2)."""
+        half = self._bounds.separation_m / 2
+        weak = self._bounds.deceleration_mps2[0], self._bounds.lag_s[1]
+        return rate_radps * self._bounds.reaction_s + stop_m(rate_radps * half, *weak) / half
+
+    def towards(self, bearing_rad: float) -> float:
+        """Largest cosine between ``bearing_rad`` and any direction of travel on the way, 0 to 1."""
+        off = math.remainder(bearing_rad - self._heading, math.tau)
+        if -self._right <= off <= self._left:
+            return 1.0
+        return max(0.0, math.cos(off - self._left), math.cos(off + self._right))
+
+    def fraction(self, room_m: float) -> float:
+        """Largest f in [0, 1] such that f times the command, then braking, rolls at most ``room_m``."""
+        if self._rolled(1.0) <= room_m:
+            return 1.0
+        if self._rolled(0.0) >= room_m:
+            return 0.0
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            middle = (low + high) / 2
+            if self._rolled(middle) <= room_m:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    def _rolled(self, fraction: float) -> float:
+        pairs = zip(self._speeds, self._commands, strict=True)
+        return sum(roll_m(speed, fraction * command, self._bounds) for speed, command in pairs) / 2
+
+
+def _obstacles(
+    pose: tuple[float, float, float],
+    neighbours: Sequence[Neighbour | tuple[float, float, float, float, float]],
+    bounds: Bounds,
+) -> list[tuple[float, float, float, str]]:
+    """(bearing rad, gap m, its stopping distance towards us m, name) of everything to keep off."""
+    x, y = pose[0], pose[1]
+    low_x, low_y, high_x, high_y = bounds.fence
+    obstacles = [
+        (math.pi, x - low_x, 0.0, "fence"),
+        (-math.pi / 2, y - low_y, 0.0, "fence"),
+        (0.0, high_x - x, 0.0, "fence"),
+        (math.pi / 2, high_y - y, 0.0, "fence"),
+    ]
+    weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
+    for other_x, other_y, vx, vy, age_s in neighbours:
+        away_x, away_y = other_x - x, other_y - y
+        distance = math.hypot(away_x, away_y)
+        bearing = math.atan2(away_y, away_x)
+        closing = max(0.0, -(vx * away_x + vy * away_y) / distance) if distance > 0 else math.hypot(vx, vy)
+        age_s = min(max(age_s, 0.0), MAX_AGE_S)
+        unseen = closing * age_s + bounds.deceleration_mps2[1] * age_s * age_s / 2
+        gap = distance - bounds.min_distance_m - unseen
+        obstacles.append((bearing, gap, stop_m(closing, *weak), "separation"))
+    return obstacles
