@@ -1,0 +1,107 @@
+"""The driver's lifecycle as the agent's orders demand it: ready, active, failed. No I/O of its own."""
+
+from typing import Protocol
+
+from contract.messages import WheelFeedback
+from drivers.base import DiffDrive, DriverError, WheelSpeeds
+
+REOPEN_NS = 1_000_000_000
+
+
+class Listener(Protocol):
+    """Who is told what the driver does (the agent)."""
+
+    def feedback(self, sample: WheelFeedback, now_ns: int) -> None: ...
+    def driver_fault(self, text: str, remedy: str, now_ns: int) -> None: ...
+    def driver_active(self, active: bool, now_ns: int) -> None: ...
+
+
+class Wheels:
+    """One robot's driver. A driver that failed is opened again only while its robot is disarmed."""
+
+    def __init__(self, driver: DiffDrive, listener: Listener) -> None:
+        self.driver = driver
+        self.ready = False
+        self.active = False
+        self._listener = listener
+        self._retry_ns = 0
+
+    def open(self, now_ns: int) -> bool:
+        """Configure, at most once a second; a fault is told to the listener, success clears it."""
+        if self.ready or now_ns < self._retry_ns:
+            return self.ready
+        self._retry_ns = now_ns + REOPEN_NS
+        try:
+            self.driver.close()
+            self.driver.configure()
+        except DriverError as error:
+            self._listener.driver_fault(str(error), error.remedy, now_ns)
+            return False
+        self.ready = True
+        self._listener.driver_fault("", "", now_ns)
+        return True
+
+    def drive(self, enable: bool, speeds: WheelSpeeds, now_ns: int) -> bool:
+        """Bring the driver to what is asked and write the speeds; True if a write went out."""
+        if not self.ready or (not enable and not self.active):
+            return False
+        try:
+            if not enable:
+                self.driver.stop(now_ns)
+                self.driver.deactivate(now_ns)
+                self._set_active(False, now_ns)
+                return False
+            if not self.active:
+                self.driver.activate(now_ns)
+                self._set_active(True, now_ns)
+                return False
+            self.driver.write(speeds, now_ns)
+        except DriverError as error:
+            self._fail(error, now_ns)
+            return False
+        return True
+
+    def ask(self, now_ns: int) -> None:
+        """Request telemetry where the family needs asking."""
+        if self.active:
+            try:
+                self.driver.poll(now_ns)
+            except DriverError as error:
+                self._fail(error, now_ns)
+
+    def listen(self, now_ns: int) -> None:
+        """Hand the newest sample to the listener."""
+        if not self.ready:
+            return
+        try:
+            sample = self.driver.read(now_ns)
+        except DriverError as error:
+            self._fail(error, now_ns)
+            return
+        if sample is not None:
+            self._listener.feedback(sample, now_ns)
+
+    def shut(self, now_ns: int) -> None:
+        """Zero, disable, release the port, whatever fails on the way."""
+        for action in (self.driver.stop, self.driver.deactivate):
+            try:
+                action(now_ns)
+            except DriverError:
+                continue
+        self.driver.close()
+        self.ready = False
+
+    def _set_active(self, active: bool, now_ns: int) -> None:
+        self.active = active
+        self._listener.driver_active(active, now_ns)
+
+    def _fail(self, error: DriverError, now_ns: int) -> None:
+        for action in (self.driver.stop, self.driver.deactivate):
+            try:
+                action(now_ns)
+            except DriverError:
+                continue
+        self.ready = False
+        self._retry_ns = now_ns + REOPEN_NS
+        self._set_active(False, now_ns)
+        self._listener.driver_fault(str(error), error.remedy, now_ns)

@@ -1,0 +1,51 @@
+"""``ahdc-onboard``: the commands of a robot computer."""
+
+import argparse
+import sys
+from pathlib import Path
+
+EXIT_GOOD, EXIT_FAILED, EXIT_INPUT = 0, 1, 2
+
+
+def parser() -> argparse.ArgumentParser:
+    top = argparse.ArgumentParser(
+        prog="ahdc-onboard",
+        allow_abbrev=False,
+        description="One robot: poses and neighbours in, wheel speeds out. Wheels turn only after the "
+        "ground station has armed and started the robot, and stop when the station falls silent.",
+        epilog="exit codes: 0 good, 1 failed (says how), 2 bad input",
+    )
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    run = verbs.add_parser(
+        "run",
+        allow_abbrev=False,
+        help="be one robot of an arena until SIGTERM",
+        description="Be one robot of an arena. Prints READY and its id once it works; SIGTERM brings the wheels to "
+        "zero, disables the motors and ends with code 0.",
+    )
+    run.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
+    run.add_argument("--robot", required=True, metavar="ID", help="which robot of the arena file, such as r06")
+    return top
+
+
+def main(argv: list[str] | None = None) -> int:
+    arguments = parser().parse_args(argv)
+    return run(arguments)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from contract.arena import ArenaError
+    from onboard import runtime
+
+    try:
+        return runtime.run(arguments.arena, arguments.robot)
+    except ArenaError as error:
+        print(error, file=sys.stderr)
+        return EXIT_INPUT
+    except KeyboardInterrupt:
+        return EXIT_GOOD
+    except Exception as error:
+        if type(error).__name__ != "ZError":
+            raise
+        print(f"{arguments.robot}: the router does not answer ({error}); start the mocap bridge", file=sys.stderr)
+        return EXIT_FAILED

@@ -1,0 +1,191 @@
+"""The loop around the agent: one thread, one ``poll``; Zenoh, the clock and the wheel driver.
+
+Order of work: decode, control step, bus write; feedback, telemetry requests and publishing follow
+two milliseconds later, so that one robot's housekeeping never delays another robot's command on a
+shared computer. With nothing arriving the same poll ticks the agent at 50 Hz or more.
+"""
+
+import gc
+import os
+import select
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from contract import network
+from contract.arena import Arena, load, robot_or_fault
+from contract.codec import WireError, encode
+from contract.keys import Keys
+from contract.messages import LogEntry
+from drivers.base import DiffDrive, WheelSpeeds
+from drivers.registry import open_drive, wheel_faults
+from onboard.agent import Agent, Drive
+from onboard.inbox import Inbox, read
+from drivers.lifecycle import Wheels
+
+TICK_NS = 18_000_000
+HOUSEKEEPING_NS = 2_000_000
+LOG_EVERY_NS = 1_000_000_000
+
+
+def subscriptions(arena: Arena, robot: str) -> dict[str, int]:
+    """Keys one robot listens to, each with its rank: stop and heartbeat before all else.
+
+    Its own report is among them: hearing it means that another process uses this robot's id.
+    """
+    keys = Keys(arena.arena.name)
+    ordered = [keys.stop, keys.heartbeat, keys.mocap_frame, keys.targets, keys.report(robot)]
+    ordered += [keys.state(other) for other in arena.robots if other != robot]
+    return {key: rank for rank, key in enumerate(ordered)}
+
+
+class Runtime:
+    """One robot's process."""
+
+    def __init__(self, arena: Arena, robot: str, agent: Agent, driver: DiffDrive) -> None:
+        self._keys = Keys(arena.arena.name)
+        self._robot = robot
+        self._agent = agent
+        self._urgency = subscriptions(arena, robot)
+        self._inbox = Inbox(self._urgency)
+        self._wheels = Wheels(driver, agent)
+        self._arena = arena
+        self._publishers: dict[str, Any] = {}
+        self._stopping = False
+        self._logged_ns: dict[str, int] = {}
+        self._watched = -1
+        self._poll = select.poll()
+
+    def run(self) -> int:
+        """Until SIGTERM or SIGINT; wheels at zero and disabled on every way out."""
+        import zenoh
+
+        config = zenoh.Config()
+        for key, value in network.client_config(self._arena.link.router):
+            config.insert_json5(key, value)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_signal)
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+        try:
+            session = zenoh.open(config)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        with session:
+            try:
+                self._join(session, zenoh)
+                self._wheels.open(time.monotonic_ns())
+                gc.collect()
+                gc.freeze()
+                gc.set_threshold(50_000, 20, 100)
+                print(f"READY {self._robot}", flush=True)
+                self._loop()
+            finally:
+                self._wheels.shut(time.monotonic_ns())
+        return 0
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._stopping = True
+        self._inbox.wake()
+
+    def _join(self, session: Any, zenoh: Any) -> None:
+        def store(sample: Any) -> None:
+            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
+
+        for key in self._urgency:
+            session.declare_subscriber(key, store, allowed_origin=zenoh.Locality.REMOTE)
+        for channel in ("state", "report", "steps", "feedback", "log"):
+            qos = network.QOS[channel]
+            key = getattr(self._keys, channel)(self._robot)
+            self._publishers[key] = session.declare_publisher(
+                key,
+                priority=getattr(zenoh.Priority, qos.priority),
+                congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
+                reliability=getattr(zenoh.Reliability, qos.reliability),
+                express=qos.express,
+            )
+        self._presence = session.liveliness().declare_token(self._keys.presence(self._robot))
+
+    def _loop(self) -> None:
+        self._poll.register(self._inbox.fileno(), select.POLLIN)
+        ran_ns = 0
+        housekeeping_ns = 0
+        while not self._stopping:
+            now_ns = time.monotonic_ns()
+            wake_ns = ran_ns + TICK_NS
+            if housekeeping_ns:
+                wake_ns = min(wake_ns, housekeeping_ns)
+            self._watch_driver()
+            self._poll.poll(max(0, wake_ns - now_ns) / 1e6)
+            now_ns = time.monotonic_ns()
+            due, urgent = self._receive(now_ns)
+            if due or urgent or now_ns - ran_ns >= TICK_NS:
+                drive = self._agent.step(now_ns) if due else self._agent.tick(now_ns)
+                ran_ns = now_ns
+                self._apply(drive, due)
+                housekeeping_ns = housekeeping_ns or now_ns + HOUSEKEEPING_NS
+            self._wheels.listen(time.monotonic_ns())
+            if housekeeping_ns and now_ns >= housekeeping_ns:
+                housekeeping_ns = 0
+                self._keep_house(now_ns)
+
+    def _receive(self, now_ns: int) -> tuple[bool, bool]:
+        """(a control step is due, a stop or an order arrived)."""
+        due = urgent = False
+        for key, payload in self._inbox.take():
+            try:
+                message = read(self._keys, key, payload)
+            except WireError as error:
+                self._agent.refuse(f"refused_{error.kind}")
+                self._log("warning", f"refused_{error.kind}", f"{key}: {error}", now_ns)
+                continue
+            due = self._agent.receive(message, now_ns) or due
+            urgent = urgent or self._urgency[key] < 2
+        return due, urgent
+
+    def _apply(self, drive: Drive, stepped: bool) -> None:
+        speeds = WheelSpeeds(drive.left_radps, drive.right_radps)
+        wrote = self._wheels.drive(drive.enable, speeds, time.monotonic_ns())
+        if stepped and wrote:
+            self._agent.wrote(time.monotonic_ns())
+
+    def _keep_house(self, now_ns: int) -> None:
+        self._wheels.ask(now_ns)
+        if not self._wheels.ready and self._agent.run_state == "disarmed":
+            self._wheels.open(now_ns)
+        for key, message in self._agent.outbox(now_ns):
+            self._publishers[key].put(encode(message))
+
+    def _watch_driver(self) -> None:
+        number = self._wheels.driver.fileno() if self._wheels.ready else None
+        current = -1 if number is None else number
+        if current == self._watched:
+            return
+        if self._watched >= 0:
+            self._poll.unregister(self._watched)
+        if current >= 0:
+            self._poll.register(current, select.POLLIN)
+        self._watched = current
+
+    def _log(self, level: str, event: str, text: str, now_ns: int) -> None:
+        if now_ns - self._logged_ns.get(event, -LOG_EVERY_NS) < LOG_EVERY_NS:
+            return
+        self._logged_ns[event] = now_ns
+        entry = LogEntry(stamp_ns=now_ns, level=level, source=self._robot, event=event[:64], text=text[:400])  # type: ignore[arg-type]
+        self._publishers[self._keys.log(self._robot)].put(encode(entry))
+        print(f"{self._robot} {level}: {event}: {text}", file=sys.stderr, flush=True)
+
+
+def run(path: Path, robot: str) -> int:
+    """Run one robot of an arena file until it is told to end; the exit code.
+
+    :raises contract.arena.ArenaError: the file has faults, or no such robot.
+    """
+    arena = load(path, wheel_faults)
+    table = robot_or_fault(arena, robot).wheels
+    os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
+    agent = Agent(arena, robot, boot=time.time_ns() // 1_000_000)
+    driver = open_drive(robot, table, arena.platform, arena.safety)
+    return Runtime(arena, robot, agent, driver).run()
