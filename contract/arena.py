@@ -141,6 +141,8 @@ class Safety(Struct, frozen=True, forbid_unknown_fields=True):
     driver_silence_s: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.25
     command_age_s: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.1
     """The gate sends zeros once its last command is older."""
+    max_slew_mps2: Annotated[float, Meta(ge=0.1, le=1000.0)] = 50.0
+    """Growth of a rim speed the last gate lets through; slowing down is never limited."""
     watchdog_s: Annotated[float, Meta(ge=0.02, le=2.0)] = 0.2
     """The motor controller's own: it lets go of the motors after this silence."""
     loop_overrun_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.1

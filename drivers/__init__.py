@@ -1,0 +1,1 @@
+"""Wheel motors: one small codec and driver per controller family, behind one last gate."""

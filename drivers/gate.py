@@ -1,0 +1,129 @@
+"""The last gate before any motor: pure, and the only way to one.
+
+The gate only ever *shrinks* a command: each wheel's output has the sign of its input and at most
+its magnitude, and both wheels are shrunk by one factor, which keeps the path's curvature. A zero
+passes in every state, at any age, whatever else is wrong. A refused command becomes a zero and is
+counted by its reason:
+
+``disarmed``   motors are not enabled, or a stop is latched (``stopped``);
+``nonfinite``  NaN or infinity in either wheel;
+``stale``      the command is older than ``command_age_ns``, or none came for that long (``tick``);
+``clock``      time went backwards, or the command is stamped in the future.
+
+Shrunk commands are counted as ``overspeed`` or ``slew``.
+"""
+
+import math
+from collections import Counter
+from enum import Enum
+from typing import NamedTuple
+
+
+class GateLimits(NamedTuple):
+    """Bounds of one robot's wheels."""
+
+    max_wheel_radps: float
+    max_slew_radps2: float
+    """Growth of a wheel speed; shrinking is never limited."""
+    command_age_ns: int
+
+
+class GateState(Enum):
+    DISARMED = "disarmed"
+    ARMED = "armed"
+    STOPPED = "stopped"
+    """A stop is latched: only ``arm`` leaves it."""
+
+
+ZERO = (0.0, 0.0)
+TOLERANCE = 1.0 + 1e-9
+"""A command this little above a bound is rounding, not a fault; it is shrunk without being counted."""
+
+
+class Gate:
+    """Decides what a motor may be told. Times are nanoseconds of one monotonic clock."""
+
+    def __init__(self, limits: GateLimits) -> None:
+        self.limits = limits
+        self.state = GateState.DISARMED
+        self.counters: Counter[str] = Counter()
+        self._last = ZERO
+        self._last_ns = 0
+
+    def arm(self, now_ns: int) -> None:
+        """Motors are enabled at zero speed; clears a latched stop."""
+        self.state = GateState.ARMED
+        self._hold(now_ns)
+
+    def disarm(self, now_ns: int) -> None:
+        """Motors are disabled; clears a latched stop, allows no motion."""
+        self.state = GateState.DISARMED
+        self._hold(now_ns)
+
+    def stop(self, now_ns: int) -> None:
+        """Latch a stop: zero until armed again. A disarmed gate stays disarmed."""
+        if self.state is GateState.ARMED:
+            self.state = GateState.STOPPED
+        self._hold(now_ns)
+
+    def permit(self, left_radps: float, right_radps: float, stamp_ns: int, now_ns: int) -> tuple[float, float]:
+        """What may be sent for a command computed at ``stamp_ns``: itself, shrunk, or zero."""
+        if left_radps == 0.0 and right_radps == 0.0:
+            return self._hold(now_ns)
+        reason = self._refusal(left_radps, right_radps, stamp_ns, now_ns)
+        if reason:
+            self.counters[reason] += 1
+            return self._hold(now_ns)
+        growth = self.limits.max_slew_radps2 * (now_ns - self._last_ns) * 1e-9
+        permitted = self._shrink(left_radps, right_radps, growth)
+        self._last, self._last_ns = permitted, now_ns
+        return permitted
+
+    def tick(self, now_ns: int) -> tuple[float, float] | None:
+        """A zero to send now because no command came in time, else None.
+
+        While armed it is due again after every ``command_age_ns``, which keeps a device watchdog
+        fed at standstill; it never repeats a motion.
+        """
+        if self.state is GateState.DISARMED or 0 <= now_ns - self._last_ns <= self.limits.command_age_ns:
+            return None
+        if self._last != ZERO:
+            self.counters["clock" if now_ns < self._last_ns else "stale"] += 1
+        return self._hold(now_ns)
+
+    def _hold(self, now_ns: int) -> tuple[float, float]:
+        self._last, self._last_ns = ZERO, now_ns
+        return ZERO
+
+    def _refusal(self, left_radps: float, right_radps: float, stamp_ns: int, now_ns: int) -> str:
+        if self.state is not GateState.ARMED:
+            return str(self.state.value)
+        if not (math.isfinite(left_radps) and math.isfinite(right_radps)):
+            return "nonfinite"
+        if now_ns < self._last_ns or stamp_ns > now_ns:
+            return "clock"
+        if now_ns - stamp_ns > self.limits.command_age_ns:
+            return "stale"
+        return ""
+
+    def _shrink(self, left_radps: float, right_radps: float, growth_radps: float) -> tuple[float, float]:
+        factor = 1.0
+        peak = max(abs(left_radps), abs(right_radps))
+        if peak > self.limits.max_wheel_radps:
+            factor = self.limits.max_wheel_radps / peak
+            if peak > self.limits.max_wheel_radps * TOLERANCE:
+                self.counters["overspeed"] += 1
+        slew = min(
+            _reach(left_radps * factor, self._last[0], growth_radps),
+            _reach(right_radps * factor, self._last[1], growth_radps),
+        )
+        if slew < 1.0:
+            self.counters["slew"] += 1
+            factor *= slew
+        return left_radps * factor, right_radps * factor
+
+
+def _reach(wanted: float, last: float, growth: float) -> float:
+    """Fraction of ``wanted`` within ``growth`` of ``last``; 1 for any speed between zero and ``last``."""
+    bound = growth + (abs(last) if (wanted < 0.0) == (last < 0.0) else 0.0)
+    return 1.0 if abs(wanted) <= bound else bound / abs(wanted)

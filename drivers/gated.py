@@ -1,0 +1,76 @@
+"""A driver behind the last gate: the only form in which the registry hands one out."""
+
+import contextlib
+from collections.abc import Mapping
+
+from contract.messages import WheelFeedback
+from drivers.base import STANDSTILL, DiffDrive, DriverError, Site, WheelSpeeds
+from drivers.gate import Gate, GateLimits
+
+
+def limits_of(site: Site) -> GateLimits:
+    """Gate bounds from the arena's platform and safety tables."""
+    return GateLimits(
+        site.max_wheel_radps,
+        site.safety.max_slew_mps2 / site.platform.wheel_radius_m,
+        int(site.safety.command_age_s * 1e9),
+    )
+
+
+class GatedDrive:
+    """:class:`drivers.base.DiffDrive` whose every motion passes :class:`drivers.gate.Gate`.
+
+    ``poll`` also sends the gate's zero when no command came in time, so calling it on a timer
+    both stops a robot whose control law went silent and feeds the device watchdog at standstill.
+    """
+
+    def __init__(self, inner: DiffDrive, gate: Gate) -> None:
+        self.inner = inner
+        self.gate = gate
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """The driver's own, and the gate's as ``gate_<reason>``."""
+        return {**self.inner.counters, **{f"gate_{name}": count for name, count in self.gate.counters.items()}}
+
+    def configure(self) -> None:
+        self.inner.configure()
+
+    def activate(self, now_ns: int) -> None:
+        self.inner.activate(now_ns)
+        self.gate.arm(now_ns)
+
+    def write(self, speeds: WheelSpeeds, now_ns: int, stamp_ns: int | None = None) -> None:
+        """:param stamp_ns: when the command was computed, if earlier than ``now_ns``."""
+        left, right = self.gate.permit(*speeds, now_ns if stamp_ns is None else stamp_ns, now_ns)
+        self.inner.write(WheelSpeeds(left, right), now_ns)
+
+    def poll(self, now_ns: int) -> None:
+        if self.gate.tick(now_ns) is not None:
+            self.inner.write(STANDSTILL, now_ns)
+        self.inner.poll(now_ns)
+
+    def read(self, now_ns: int) -> WheelFeedback | None:
+        return self.inner.read(now_ns)
+
+    def stop(self, now_ns: int) -> None:
+        self.gate.stop(now_ns)
+        self.inner.stop(now_ns)
+
+    def deactivate(self, now_ns: int) -> None:
+        self.gate.disarm(now_ns)
+        self.inner.deactivate(now_ns)
+
+    def clear_errors(self, now_ns: int) -> None:
+        self.inner.clear_errors(now_ns)
+
+    def close(self) -> None:
+        """Disables the motors if it still can."""
+        if self.inner.fileno() is not None:
+            with contextlib.suppress(DriverError):
+                self.inner.deactivate(0)
+        self.gate.disarm(0)
+        self.inner.close()
+
+    def fileno(self) -> int | None:
+        return self.inner.fileno()

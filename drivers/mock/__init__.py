@@ -1,0 +1,1 @@
+"""Emulated controllers: the same protocols from the other end, motors and bodies included."""

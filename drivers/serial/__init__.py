@@ -1,0 +1,1 @@
+"""Controllers on a serial line."""

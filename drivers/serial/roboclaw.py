@@ -1,0 +1,274 @@
+"""RoboClaw over packet serial: both channels in one packet, reads pipelined behind it.
+
+The device has no enable: any speed command drives, duty zero releases. Its serial time-out
+(command 14, default off) is set to the largest whole 100 ms within ``safety.watchdog_s`` and read
+back before anything may move.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from contract.messages import WheelFeedback
+from contract.tables import Fault, show
+from drivers.base import STANDSTILL, ControllerFault, LinkLost, Refused, Site, WheelSpeeds
+from drivers.conversion import Odometer, WheelScale, saturate
+from drivers.options import DevicePath, WheelOptions
+from drivers.ports import BytePort
+from drivers.serial import roboclaw_codec as codec
+from drivers.serial.bandwidth import Bandwidth
+
+Channel = Annotated[int, Meta(ge=1, le=2, description="motor output: 1 for M1, 2 for M2")]
+
+CYCLE_BYTES = 12 + 1 + (2 + 10) + (2 + 10)
+"""37 with its acknowledgement, 78 and 79 with their replies."""
+SPEED_LIMIT_QPPS = (1 << 31) - 1
+
+
+class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``wheels = { kind = "roboclaw", ... }``"""
+
+    kind: Literal["roboclaw"]
+    port: DevicePath
+    baud: Annotated[int, Meta(ge=2400, le=1_000_000, description="as set in the controller; USB ignores it")] = 115200
+    address: Annotated[int, Meta(ge=0x80, le=0x87, description="packet serial address")] = 0x80
+    left: Channel = 1
+    right: Channel = 2
+    counts_per_revolution: Annotated[
+        int, Meta(ge=1, le=10_000_000, description="quadrature counts per turn of the motor shaft, 4 x lines")
+    ]
+
+
+def check(options: Options, path: str) -> list[Fault]:
+    """What no single key shows."""
+    if options.left == options.right:
+        return [Fault(f"{path}.right", show(options.right), "must differ from left")]
+    return []
+
+
+def open_port(options: Options) -> BytePort:
+    """The serial line."""
+    from drivers.serial.port import SerialPort
+
+    return SerialPort(options.port, options.baud)
+
+
+class Drive:
+    """:class:`drivers.base.DiffDrive` for one two-channel RoboClaw."""
+
+    ANSWER_S = 0.25
+    STATUS_EVERY = 10
+    BATTERY_EVERY = 50
+    """In polls."""
+
+    def __init__(self, robot: str, options: Options, site: Site, port: BytePort) -> None:
+        self.robot = robot
+        self.options = options
+        self.firmware: tuple[int, ...] = ()
+        self._site = site
+        self._port = port
+        self._counters: Counter[str] = Counter()
+        self._replies = codec.Replies(options.address)
+        counts, gear = float(options.counts_per_revolution), options.gear_ratio
+        self._left = WheelScale.of(counts, gear, options.left_inverted)
+        self._right = WheelScale.of(counts, gear, options.right_inverted)
+        self._left_odometer = Odometer(self._left, 32)
+        self._right_odometer = Odometer(self._right, 32)
+        self._swapped = options.left == 2
+        self._position: tuple[float, float] | None = None
+        self._speed: tuple[float, float] | None = None
+        self._bus_v: float | None = None
+        self._faults: tuple[str, ...] = ()
+        self._active = False
+        self._polls = 0
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        self._counters.update(self._replies.counters)
+        self._replies.counters.clear()
+        return self._counters
+
+    def configure(self) -> None:
+        bandwidth = Bandwidth(CYCLE_BYTES, self.options.baud, self._site.control_period_s)
+        if not bandwidth.fits:
+            raise Refused(self._device, self._port.name, str(bandwidth), "Raise baud, or control.control_period_s")
+        tenths = int(self._site.safety.watchdog_s * 10.0 + 1e-9)
+        if tenths < 1:
+            raise Refused(
+                self._device,
+                self._port.name,
+                f"safety.watchdog_s = {self._site.safety.watchdog_s:g} s; the device counts in 0.1 s",
+                "Raise safety.watchdog_s to at least 0.1",
+            )
+        try:
+            self._port.open()
+        except OSError as error:
+            raise self._lost(f"cannot open: {error}") from error
+        self._replies.reset()
+        try:
+            self._identify(tenths)
+        except Exception:
+            self.close()
+            raise
+
+    def activate(self, now_ns: int) -> None:
+        self._left_odometer = Odometer(self._left, 32)
+        self._right_odometer = Odometer(self._right, 32)
+        if self._ask(codec.speed_both(self.options.address, 0, 0), codec.SPEED_BOTH) is None:
+            raise self._lost("the zero setpoint is not acknowledged")
+        status = self._ask(codec.read_packet(self.options.address, codec.GET_STATUS), codec.GET_STATUS)
+        self._faults = codec.decode_status(status or b"")
+        if self._faults:
+            self.deactivate(now_ns)
+            raise ControllerFault(
+                self._device, self._port.name, ", ".join(self._faults), "Remove the cause, clear errors, activate again"
+            )
+        self._active = True
+
+    def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
+        if not self._active:
+            self._release(now_ns)
+            return
+        left = speeds.left_radps * self._left.units_per_rad
+        right = speeds.right_radps * self._right.units_per_rad
+        left, right = saturate(left, right, SPEED_LIMIT_QPPS)
+        m1, m2 = (right, left) if self._swapped else (left, right)
+        self._send(codec.speed_both(self.options.address, round(m1), round(m2)), (codec.SPEED_BOTH,), now_ns)
+
+    def poll(self, now_ns: int) -> None:
+        if self._replies.quiet(now_ns) or self._replies.waiting > 4:
+            return
+        self._polls += 1
+        commands = [codec.GET_ENCODERS, codec.GET_SPEEDS]
+        if self._polls % self.STATUS_EVERY == 1:
+            commands.append(codec.GET_STATUS)
+        elif self._polls % self.BATTERY_EVERY == 2:
+            commands.append(codec.GET_MAIN_BATTERY)
+        address = self.options.address
+        self._send(b"".join([codec.read_packet(address, command) for command in commands]), commands, now_ns)
+
+    def read(self, now_ns: int) -> WheelFeedback | None:
+        for reply in self._receive(now_ns):
+            self._take(reply)
+        if self._position is None or self._speed is None:
+            return None
+        (left_rad, right_rad), (left_radps, right_radps) = self._position, self._speed
+        self._position = self._speed = None
+        return WheelFeedback(
+            robot=self.robot,
+            stamp_ns=now_ns,
+            left_radps=left_radps,
+            right_radps=right_radps,
+            left_rad=left_rad,
+            right_rad=right_rad,
+            bus_v=self._bus_v,
+            enabled=self._active and "estop" not in self._faults,
+            faults=self._faults,
+        )
+
+    def stop(self, now_ns: int) -> None:
+        self.write(STANDSTILL, now_ns)
+
+    def deactivate(self, now_ns: int) -> None:
+        self._active = False
+        self._release(now_ns)
+
+    def clear_errors(self, now_ns: int) -> None:
+        packet = codec.write_packet(self.options.address, codec.RESET_ESTOP)
+        self._send(packet, (codec.RESET_ESTOP,), now_ns)
+
+    def close(self) -> None:
+        self._active = False
+        self._port.close()
+
+    def fileno(self) -> int | None:
+        return self._port.fileno()
+
+    @property
+    def _device(self) -> str:
+        return f"RoboClaw of {self.robot}"
+
+    def _lost(self, fault: str) -> LinkLost:
+        return LinkLost(
+            self._device, self._port.name, fault, "Check power, cable, baud and address, then configure again"
+        )
+
+    def _identify(self, tenths: int) -> None:
+        address = self.options.address
+        version = self._ask(codec.read_packet(address, codec.GET_VERSION), codec.GET_VERSION)
+        if version is None:
+            raise self._lost(f"no answer at address 0x{address:02X} and {self.options.baud} baud")
+        self.firmware = codec.firmware(version.decode("ascii", "replace"))
+        if self._ask(codec.read_packet(address, codec.GET_STATUS), codec.GET_STATUS) is None:
+            raise Refused(
+                self._device, self._port.name, "the status reply is not 32 bits wide", "Update the controller firmware"
+            )
+        self._ask(codec.set_timeout(address, tenths), codec.SET_TIMEOUT)
+        readback = self._ask(codec.read_packet(address, codec.GET_TIMEOUT), codec.GET_TIMEOUT)
+        if readback != bytes((tenths,)):
+            seen = "nothing" if readback is None else f"{readback[0] / 10:g} s"
+            raise Refused(
+                self._device,
+                self._port.name,
+                f"serial time-out set to {tenths / 10:g} s reads back {seen}",
+                "Check the firmware version; without the time-out a hung computer leaves the wheels turning",
+            )
+
+    def _ask(self, packet: bytes, command: int) -> bytes | None:
+        """The reply within ``ANSWER_S``, tried twice."""
+        for _ in range(2):
+            start_ns = self._port.now_ns()
+            self._replies.reset()
+            self._receive(start_ns)
+            self._send(packet, (command,), start_ns)
+            while (left_s := self.ANSWER_S - (self._port.now_ns() - start_ns) * 1e-9) > 0.0:
+                self._port.wait(left_s)
+                for reply in self._receive(self._port.now_ns()):
+                    if reply.command == command:
+                        return reply.data
+                if self._replies.waiting == 0:
+                    break
+        return None
+
+    def _release(self, now_ns: int) -> None:
+        self._send(codec.duty_both(self.options.address, 0, 0), (codec.DUTY_BOTH,), now_ns)
+
+    def _send(self, packet: bytes, commands: "tuple[int, ...] | list[int]", now_ns: int) -> None:
+        try:
+            if not self._port.send(packet):
+                self._counters["send_dropped"] += 1
+                return
+        except OSError as error:
+            raise self._lost(f"cannot send: {error}") from error
+        for command in commands:
+            self._replies.expect(command, now_ns)
+
+    def _receive(self, now_ns: int) -> list[codec.Reply]:
+        try:
+            data = self._port.receive()
+        except OSError as error:
+            raise self._lost(f"cannot receive: {error}") from error
+        return self._replies.feed(data, now_ns)
+
+    def _take(self, reply: codec.Reply) -> None:
+        if reply.command == codec.GET_ENCODERS:
+            left, right = self._rims(codec.decode_encoders(reply.data))
+            self._position = (self._left_odometer.update(left), self._right_odometer.update(right))
+        elif reply.command == codec.GET_SPEEDS:
+            left, right = self._rims(codec.decode_speeds(reply.data))
+            speed = (self._left.to_wheel(left), self._right.to_wheel(right))
+            if max(abs(speed[0]), abs(speed[1])) > 200.0:
+                self._counters["implausible_speed"] += 1
+            else:
+                self._speed = speed
+        elif reply.command == codec.GET_STATUS:
+            self._faults = codec.decode_status(reply.data)
+        elif reply.command == codec.GET_MAIN_BATTERY:
+            volts = codec.decode_battery(reply.data)
+            if volts <= 100.0:
+                self._bus_v = volts
+
+    def _rims(self, channels: tuple[int, int]) -> tuple[int, int]:
+        return (channels[1], channels[0]) if self._swapped else channels

@@ -1,0 +1,219 @@
+"""RoboClaw packet serial: pure encode, and a reader of replies that resynchronises.
+
+Source: RoboClaw User Manual rev 5.7, "Packet Serial Mode" (pp. 58-62) and the command tables
+(pp. 63-89). Big-endian. A write is ``address command data crc16`` and is answered with ``FF``; a
+read is ``address command`` and is answered with ``data crc16`` whose CRC covers address, command
+and data. CRC-16/XMODEM (poly 0x1021, init 0). A gap of more than 10 ms discards a packet.
+"""
+
+import re
+import struct
+from binascii import crc_hqx
+from collections import Counter, deque
+from typing import NamedTuple
+
+SET_TIMEOUT = 14
+GET_TIMEOUT = 15
+GET_VERSION = 21
+GET_MAIN_BATTERY = 24
+DUTY_BOTH = 34
+SPEED_BOTH = 37
+GET_ENCODERS = 78
+GET_SPEEDS = 79
+GET_STATUS = 90
+RESET_ESTOP = 200
+
+ACK = 0xFF
+REPLY_BYTES = {GET_TIMEOUT: 1, GET_MAIN_BATTERY: 2, GET_ENCODERS: 8, GET_SPEEDS: 8, GET_STATUS: 4}
+"""Data bytes of each reply, CRC not counted; GET_VERSION ends with a zero byte, 48 at most."""
+MAX_VERSION = 48
+
+ERRORS = 0xFFFF
+STATUS_NAMES = {
+    0x1: "estop",
+    0x2: "temperature 1",
+    0x4: "temperature 2",
+    0x8: "main battery high",
+    0x10: "logic battery high",
+    0x20: "logic battery low",
+    0x40: "M1 driver fault",
+    0x80: "M2 driver fault",
+    0x100: "M1 speed error",
+    0x200: "M2 speed error",
+    0x400: "M1 position error",
+    0x800: "M2 position error",
+    0x1000: "M1 over current",
+    0x2000: "M2 over current",
+    0x4000: "main battery low",
+}
+"""Error bits of command 90 (32-bit form, firmware 4.2 and later); bits above 0xFFFF are warnings."""
+
+_SPEEDS = struct.Struct(">BBii")
+_CRC = struct.Struct(">H")
+_TWO_SIGNED = struct.Struct(">ii")
+_TWO_UNSIGNED = struct.Struct(">II")
+
+
+def write_packet(address: int, command: int, data: bytes = b"") -> bytes:
+    body = bytes((address, command)) + data
+    return body + _CRC.pack(crc_hqx(body, 0))
+
+
+def read_packet(address: int, command: int) -> bytes:
+    return bytes((address, command))
+
+
+def speed_both(address: int, m1_qpps: int, m2_qpps: int) -> bytes:
+    """Command 37: signed speeds in quadrature pulses per second."""
+    body = _SPEEDS.pack(address, SPEED_BOTH, m1_qpps, m2_qpps)
+    return body + _CRC.pack(crc_hqx(body, 0))
+
+
+def duty_both(address: int, m1: int, m2: int) -> bytes:
+    """Command 34: signed duty of +-32767; zero releases the motors."""
+    return write_packet(address, DUTY_BOTH, struct.pack(">hh", m1, m2))
+
+
+def set_timeout(address: int, tenths: int) -> bytes:
+    """Command 14: serial time-out in units of 100 ms, 0 = off."""
+    return write_packet(address, SET_TIMEOUT, bytes((tenths,)))
+
+
+def decode_encoders(data: bytes) -> tuple[int, int]:
+    """Command 78: both 32-bit counters, which wrap."""
+    first, second = _TWO_UNSIGNED.unpack(data)
+    return first, second
+
+
+def decode_speeds(data: bytes) -> tuple[int, int]:
+    """Command 79: pulses per second, signed."""
+    first, second = _TWO_SIGNED.unpack(data)
+    return first, second
+
+
+def decode_battery(data: bytes) -> float:
+    """Command 24: volts."""
+    return int.from_bytes(data, "big") / 10.0
+
+
+def decode_status(data: bytes) -> tuple[str, ...]:
+    """Command 90: errors in words, warnings left off."""
+    bits = int.from_bytes(data, "big") & ERRORS
+    return tuple(STATUS_NAMES.get(1 << i, f"status 0x{1 << i:X}") for i in range(16) if bits >> i & 1)
+
+
+def firmware(version: str) -> tuple[int, ...]:
+    """``USB Roboclaw 2x7a v4.2.8`` as (4, 2, 8); empty if there is no number in it."""
+    match = re.search(r"v(\d+)\.(\d+)\.(\d+)", version)
+    return tuple(int(part) for part in match.groups()) if match else ()
+
+
+class Reply(NamedTuple):
+    """The answer to ``command``; a write's is empty."""
+
+    command: int
+    data: bytes
+
+
+class _Pending(NamedTuple):
+    command: int
+    sent_ns: int
+
+
+class Replies:
+    """Pairs the byte stream with the commands sent, in order.
+
+    After a bad CRC, a byte where an acknowledgement should be, or ``REPLY_NS`` of silence, nothing
+    is believed for ``QUIET_NS``: the line drains, then pairing starts afresh.
+    """
+
+    REPLY_NS = 50_000_000
+    QUIET_NS = 20_000_000
+
+    def __init__(self, address: int) -> None:
+        self.counters: Counter[str] = Counter()
+        self._address = address
+        self._pending: deque[_Pending] = deque()
+        self._buffer = b""
+        self._quiet_until_ns = 0
+        self._late_acks = 0
+
+    def quiet(self, now_ns: int) -> bool:
+        """Resynchronising: send no reads."""
+        return now_ns < self._quiet_until_ns
+
+    @property
+    def waiting(self) -> int:
+        """Replies outstanding."""
+        return len(self._pending)
+
+    def expect(self, command: int, now_ns: int) -> None:
+        """A packet was sent; commands without an entry in ``REPLY_BYTES`` are acknowledged writes."""
+        if not self.quiet(now_ns):
+            self._pending.append(_Pending(command, now_ns))
+        elif command != GET_VERSION and command not in REPLY_BYTES:
+            self._late_acks = min(self._late_acks + 1, 8)
+
+    def feed(self, data: bytes, now_ns: int) -> list[Reply]:
+        """Replies completed by ``data``."""
+        if self.quiet(now_ns):
+            self.counters["discarded_bytes"] += len(data)
+            return []
+        self._buffer += data
+        replies: list[Reply] = []
+        while self._pending and self._buffer:
+            reply = self._next(self._pending[0].command, now_ns)
+            if reply is None:
+                break
+            self._pending.popleft()
+            replies.append(reply)
+        if self._buffer and not self._pending:
+            self.counters["stray_bytes"] += len(self._buffer)
+            self._buffer = b""
+        if self._pending and now_ns - self._pending[0].sent_ns > self.REPLY_NS:
+            self._resynchronise("no_reply", now_ns)
+        return replies
+
+    def reset(self) -> None:
+        """Forget what was sent: the port was reopened."""
+        self._pending.clear()
+        self._buffer = b""
+        self._quiet_until_ns = 0
+        self._late_acks = 0
+
+    def _next(self, command: int, now_ns: int) -> Reply | None:
+        if command == GET_VERSION:
+            end = self._buffer.find(0, 0, MAX_VERSION)
+            length = end + 1 if end >= 0 else MAX_VERSION
+        elif command in REPLY_BYTES:
+            length = REPLY_BYTES[command]
+        else:
+            return self._ack(command, now_ns)
+        if len(self._buffer) < length + 2:
+            return None
+        data, (crc,) = self._buffer[:length], _CRC.unpack_from(self._buffer, length)
+        if crc_hqx(data, crc_hqx(bytes((self._address, command)), 0)) == crc:
+            self._buffer = self._buffer[length + 2 :]
+            self._late_acks = 0
+            return Reply(command, data)
+        if self._late_acks and self._buffer[0] == ACK:
+            self._late_acks -= 1
+            self._buffer = self._buffer[1:]
+            self.counters["late_ack"] += 1
+            return self._next(command, now_ns)
+        self._resynchronise("bad_crc", now_ns)
+        return None
+
+    def _ack(self, command: int, now_ns: int) -> Reply | None:
+        if self._buffer[0] != ACK:
+            self._resynchronise("bad_ack", now_ns)
+            return None
+        self._buffer = self._buffer[1:]
+        return Reply(command, b"")
+
+    def _resynchronise(self, reason: str, now_ns: int) -> None:
+        self.counters[reason] += 1
+        self._pending.clear()
+        self._buffer = b""
+        self._late_acks = 0
+        self._quiet_until_ns = now_ns + self.QUIET_NS
