@@ -5,6 +5,7 @@
 <site>/station/heartbeat      StationHeartbeat  20 Hz, silence stops robots
 <site>/station/targets        TargetCloud       cached for late joiners
 <site>/station/status         RunStatus
+<site>/station/order          OrderRequest      an operator's wish; the station decides
 <site>/stop                   StopRequest       anybody; latches
 <site>/robot/<id>/state       NeighbourState    to the robots in radio range
 <site>/robot/<id>/report      RobotReport
@@ -63,6 +64,10 @@ class Keys:
         return f"{self.site}/station/status"
 
     @property
+    def order(self) -> str:
+        return f"{self.site}/station/order"
+
+    @property
     def stop(self) -> str:
         return f"{self.site}/stop"
 
@@ -108,6 +113,8 @@ class Keys:
                 return m.TargetCloud
             case ["station", "status"]:
                 return m.RunStatus
+            case ["station", "order"]:
+                return m.OrderRequest
             case ["stop"]:
                 return m.StopRequest
             case ["robot", _, "state"]:

@@ -136,6 +136,19 @@ class StationHeartbeat(Message, frozen=True, kw_only=True):
     arena_hash: Name = ""
 
 
+class OrderRequest(Message, frozen=True, kw_only=True):
+    """An operator's order from another terminal, to the station that runs the session.
+
+    Never obeyed by a robot: only the station's heartbeat orders, only :class:`StopRequest` stops.
+    """
+
+    stamp_ns: Nanoseconds
+    source: Name
+    number: Count
+    """Drawn afresh for every request; a repeated number is the same request."""
+    order: Literal["disarm", "arm", "run", "hold"]
+
+
 class StopRequest(Message, frozen=True, kw_only=True):
     """STOP from anybody, repeated until every robot has acknowledged it; it latches."""
 
@@ -214,6 +227,8 @@ class NeighbourState(Message, frozen=True, kw_only=True):
     """Links it vouches for."""
     links_kept: tuple[RobotId, ...] = ()
     """Links it enforces but does not vouch for."""
+    wishes: tuple[RobotId, ...] = ()
+    """Links it would remove: its half of eq. 14's consent (``paper`` profile)."""
     mail: tuple[LinkMessage, ...] = ()
 
 

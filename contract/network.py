@@ -64,6 +64,7 @@ QOS: Mapping[str, Qos] = MappingProxyType(
         "heartbeat": _SAFETY,
         "stop": _SAFETY,
         "targets": _ORDERS,
+        "order": _ORDERS,
         "status": _STATUS,
         "state": _NEIGHBOURS,
         "report": _STATUS,
