@@ -1,0 +1,348 @@
+"""One robot's whole mind: messages, feedback and time in; wheel speeds and messages out. Pure.
+
+Three feeders drive the same object: the runtime (real clock), ``simulate`` (lockstep) and ``replay``.
+"""
+
+from typing import Literal, NamedTuple
+
+import msgspec
+
+from contract.arena import Arena, digest
+from contract.keys import Keys
+from contract.messages import (
+    SCHEMA_VERSION,
+    FeedbackBatch,
+    LinkState,
+    LogEntry,
+    Message,
+    MocapFrame,
+    NeighbourState,
+    RobotReport,
+    RobotStep,
+    RunState,
+    StationHeartbeat,
+    StepBatch,
+    StopRequest,
+    TargetCloud,
+    WheelFeedback,
+)
+from onboard import unicycle
+from onboard.ahdc.controller import Controller
+from onboard.ahdc.parameters import from_arena
+from onboard.ahdc.plan import Motion
+from onboard.ahdc.view import View
+from onboard.failsafes import Conditions
+from onboard.limits import Neighbour, bounds_of, inside_fence, limit
+from onboard.odometry import Odometry
+from onboard.pacing import Pacing
+from onboard.safety import Supervisor, Verdict
+from onboard.sensing import Sensing
+
+REPORT_PERIOD_NS = 100_000_000
+DUPLICATE_WINDOW_NS = 2_000_000_000
+MAX_BATCH = 64
+
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+
+
+class Drive(NamedTuple):
+    """What the wheels shall do: motors enabled or not, wheel speeds in rad/s."""
+
+    enable: bool
+    left_radps: float
+    right_radps: float
+
+
+class Agent:
+    """See the module. ``boot`` is a number never used before by this robot."""
+
+    def __init__(self, arena: Arena, robot: str, boot: int, software: str = "") -> None:
+        self.arena = arena
+        self.robot = robot
+        self.boot = boot
+        self._software = software
+        self._keys = Keys(arena.arena.name)
+        self._hash = digest(arena)
+        self._radius_m = arena.platform.wheel_radius_m
+        self._separation_m = arena.platform.wheel_separation_m
+        self._bounds = bounds_of(arena)
+        self.supervisor = Supervisor(arena, robot)
+        self.sensing = Sensing(robot, arena.control.sensing_radius_m, arena.safety.neighbour_silence_s)
+        self.pacing = Pacing(arena.control.control_period_s, arena.mocap.frame_rate_hz)
+        parameters = from_arena(arena)
+        self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims)
+        self._parameters = parameters
+        self._odometry = Odometry(self._separation_m)
+        self._frame: MocapFrame | None = None
+        self._frame_arrival_ns = 0
+        self._advancing = False
+        self._pose_valid = False
+        self._pose_reason = "never seen"
+        self._start_direction = 0.0
+        self._feedback: WheelFeedback | None = None
+        self._driver_active = False
+        self._driver_fault = ""
+        self._driver_remedy = ""
+        self._duplicate_ns = -DUPLICATE_WINDOW_NS
+        self._loop_ns = 0
+        self._verdict: Verdict | None = None
+        self._drive = Drive(False, 0.0, 0.0)
+        self._commanded = (0.0, 0.0)
+        self.counters: dict[str, int] = {}
+        self._steps: list[RobotStep] = []
+        self._pending_step: RobotStep | None = None
+        self._samples: list[WheelFeedback] = []
+        self._logs: list[LogEntry] = []
+        self._next_state_ns = 0
+        self._next_report_ns = 0
+        self._last_words = ("", "")
+
+    # --- inputs -------------------------------------------------------------------------------
+
+    def receive(self, message: Message, now_ns: int) -> bool:
+        """Take a decoded message meant for this robot; True when a control step is due."""
+        match message:
+            case MocapFrame():
+                return self._on_frame(message, now_ns)
+            case NeighbourState():
+                self._on_state(message, now_ns)
+            case StationHeartbeat():
+                self.supervisor.heartbeat(message, now_ns)
+            case StopRequest():
+                self.supervisor.stop_request(message, now_ns)
+            case TargetCloud():
+                self.sensing.cloud(message)
+                self._start_direction = message.start_direction_rad
+            case _:
+                self.refuse(f"unexpected {type(message).__name__}")
+        return False
+
+    def refuse(self, counter: str) -> None:
+        """Count something that did not decode or was not meant for this robot."""
+        self.counters[counter] = self.counters.get(counter, 0) + 1
+
+    def feedback(self, sample: WheelFeedback, now_ns: int) -> None:
+        """Take what the motor controller measured."""
+        self._feedback = sample
+        self._odometry.record(sample.stamp_ns, sample.left_radps * self._radius_m, sample.right_radps * self._radius_m)
+        if len(self._samples) < MAX_BATCH:
+            self._samples.append(sample)
+        if sample.faults:
+            self.driver_fault(
+                f"motor controller reports {', '.join(sample.faults)}", "clear the cause, then arm", now_ns
+            )
+
+    def driver_fault(self, text: str, remedy: str, now_ns: int) -> None:
+        """The driver lost its port or the controller reports a fault; empty text: repaired."""
+        if text and text != self._driver_fault:
+            self._log(now_ns, "error", "driver_fault", text, remedy)
+        self._driver_fault, self._driver_remedy = text, remedy
+
+    def driver_active(self, active: bool, now_ns: int) -> None:
+        """The motors are enabled (the device has confirmed it) or not."""
+        self._driver_active = active
+
+    @property
+    def run_state(self) -> RunState:
+        """The supervisor's state."""
+        return self.supervisor.state
+
+    # --- the loop -----------------------------------------------------------------------------
+
+    def step(self, now_ns: int) -> Drive:
+        """Control step on the newest frame."""
+        verdict = self._assess(now_ns)
+        own = self.sensing.own()
+        if own is None:
+            return self._rest(verdict)
+        pose = self._odometry.predict(own[0], own[1], now_ns)
+        left, right = self._odometry.rims
+        motion = Motion(pose.x_m, pose.y_m, pose.heading_rad, left, right)
+        sighted = self.sensing.sighted(pose, now_ns)
+        view = View(
+            now_s=now_ns * 1e-9,
+            motion=motion,
+            sighted=sighted,
+            heard=self.sensing.heard(sighted, now_ns),
+            targets=self.sensing.targets(own[0]),
+            start_direction_rad=self._start_direction,
+            may_move=verdict.may_move,
+        )
+        decision = self.controller.decide(view)
+        speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
+        around = [Neighbour(s.x_m, s.y_m, s.vx_mps, s.vy_mps, s.age_s) for s in sighted.values()]
+        limited = limit(speed, turn, (pose.x_m, pose.y_m, pose.heading_rad), (left, right), around, self._bounds)
+        waits = limited.by or decision.waits
+        rims = (0.0, 0.0)
+        if verdict.may_move and verdict.enable:
+            rims = unicycle.rims(limited.v_mps, limited.omega_radps, self._separation_m, self._parameters.max_speed_mps)
+        self._commanded = rims
+        self._drive = Drive(verdict.enable, rims[0] / self._radius_m, rims[1] / self._radius_m)
+        self._note_step(now_ns, waits)
+        return self._drive
+
+    def tick(self, now_ns: int) -> Drive:
+        """Failsafes and timers without a frame: keeps the last command, or zeroes it."""
+        verdict = self._assess(now_ns)
+        if not verdict.may_move or not verdict.enable:
+            return self._rest(verdict)
+        return self._drive
+
+    def wrote(self, write_ns: int) -> None:
+        """The bus write of the last step has returned."""
+        if self._pending_step is not None:
+            if len(self._steps) < MAX_BATCH:
+                self._steps.append(msgspec.structs.replace(self._pending_step, write_ns=write_ns))
+            self._pending_step = None
+
+    def outbox(self, now_ns: int) -> list[tuple[str, Message]]:
+        """(key, message) due now."""
+        out: list[tuple[str, Message]] = []
+        own = self.sensing.own()
+        if own is not None and now_ns >= self._next_state_ns:
+            self._next_state_ns = self._due(self._next_state_ns, self.arena.control.state_period_s, now_ns)
+            pose = self._odometry.predict(own[0], own[1], now_ns)
+            left, right = self._odometry.rims
+            motion = Motion(pose.x_m, pose.y_m, pose.heading_rad, left, right)
+            state = self.controller.announce(motion, now_ns, *self._commanded)
+            out.append((self._keys.state(self.robot), state))
+        if now_ns >= self._next_report_ns and self._verdict is not None:
+            self._next_report_ns = self._due(self._next_report_ns, REPORT_PERIOD_NS * 1e-9, now_ns)
+            out.append((self._keys.report(self.robot), self._report(now_ns, self._verdict)))
+            if self._steps:
+                out.append((self._keys.steps(self.robot), StepBatch(robot=self.robot, steps=tuple(self._steps))))
+                self._steps = []
+            if self._samples:
+                batch = FeedbackBatch(robot=self.robot, samples=tuple(self._samples))
+                out.append((self._keys.feedback(self.robot), batch))
+                self._samples = []
+        out += [(self._keys.log(self.robot), entry) for entry in self._logs]
+        self._logs = []
+        return out
+
+    # --- inside -------------------------------------------------------------------------------
+
+    def _on_frame(self, frame: MocapFrame, now_ns: int) -> bool:
+        last = self._frame
+        if last is not None and frame.session == last.session and frame.frame <= last.frame:
+            self.refuse("frame not newer")
+            self._advancing = False
+            return False
+        self._frame, self._frame_arrival_ns, self._advancing = frame, now_ns, True
+        body = next((body for body in frame.bodies if body.robot == self.robot), None)
+        self._pose_valid = body is not None and body.valid
+        self._pose_reason = "not in the frame" if body is None else body.reason
+        self.sensing.frame(frame)
+        return self.pacing.frame(frame.session, frame.frame, frame.rate_hz)
+
+    def _on_state(self, state: NeighbourState, now_ns: int) -> None:
+        if state.robot == self.robot:
+            if state.boot != self.boot:
+                self._duplicate_ns = now_ns
+            return
+        if state.robot not in self.arena.robots:
+            self.refuse("state of a robot that is not in the arena file")
+        elif self.sensing.state(state, now_ns):
+            mine = tuple(message for message in state.mail if message.to == self.robot)
+            self.controller.hear_mail(state.robot, mine, now_ns * 1e-9)
+
+    def _assess(self, now_ns: int) -> Verdict:
+        own = self.sensing.own()
+        sample = self._feedback
+        left, right = self._odometry.rims
+        verdict = self.supervisor.assess(
+            Conditions(
+                pose_valid=self._pose_valid,
+                pose_reason=self._pose_reason,
+                pose_stamp_ns=own[1] if own else 0,
+                pose_arrival_ns=self._frame_arrival_ns,
+                frame_advancing=self._advancing,
+                feedback_stamp_ns=sample.stamp_ns if sample else 0,
+                driver_active=self._driver_active,
+                driver_fault=self._driver_fault,
+                driver_remedy=self._driver_remedy,
+                left_mps=left,
+                right_mps=right,
+                loop_last_step_ns=self._loop_ns,
+                inside_fence=own is None or inside_fence(self._bounds, own[0].x_m, own[0].y_m),
+                duplicate_id=now_ns - self._duplicate_ns < DUPLICATE_WINDOW_NS,
+                battery_v=sample.bus_v if sample else None,
+            ),
+            now_ns,
+        )
+        self._loop_ns = now_ns
+        self._verdict = verdict
+        words = (verdict.run, verdict.reason)
+        if words != self._last_words:
+            self._last_words = words
+            self._log(now_ns, "warning" if verdict.reason else "info", verdict.run, verdict.reason, verdict.remedy)
+        return verdict
+
+    def _rest(self, verdict: Verdict) -> Drive:
+        self._commanded = (0.0, 0.0)
+        self._drive = Drive(verdict.enable, 0.0, 0.0)
+        return self._drive
+
+    def _note_step(self, now_ns: int, waits: str) -> None:
+        self.pacing.stepped(now_ns)
+        frame = self._frame
+        if frame is None:
+            return
+        tasking = self.controller.tasking
+        links = tuple(LinkState(other=name, state=state) for name, state in self.controller.link_states().items())
+        self._pending_step = RobotStep(
+            robot=self.robot,
+            frame=frame.frame,
+            exposure_ns=frame.exposure_ns,
+            step_ns=now_ns,
+            write_ns=now_ns,
+            left_radps=round(self._drive.left_radps, 5),
+            right_radps=round(self._drive.right_radps, 5),
+            links=links,
+            task="helping" if tasking.helping else tasking.task.value,
+            claim=-1 if tasking.claim is None else tasking.claim,
+            waits=waits,
+        )
+
+    def _report(self, now_ns: int, verdict: Verdict) -> RobotReport:
+        own = self.sensing.own()
+        tasking = self.controller.tasking
+        links = self.controller.link_states()
+        sample = self._feedback
+        return RobotReport(
+            robot=self.robot,
+            boot=self.boot,
+            stamp_ns=now_ns,
+            schema_version=SCHEMA_VERSION,
+            software=self._software,
+            arena_hash=self._hash,
+            run=verdict.run,
+            reason=verdict.reason,
+            remedy=verdict.remedy,
+            order_id=self.supervisor.order_id,
+            stop_id=self.supervisor.stop_id,
+            stopped=verdict.at_rest and not verdict.may_move,
+            pose_age_ms=round(min(1e9, (now_ns - own[1]) * 1e-6), 3) if own else 1e9,
+            pose_valid=self._pose_valid,
+            timing=self.pacing.timing(),
+            battery_v=sample.bus_v if sample else None,
+            motor_faults=sample.faults if sample else (),
+            task="helping" if tasking.helping else tasking.task.value,
+            claim=-1 if tasking.claim is None else tasking.claim,
+            occupied_count=tasking.occupied_count,
+            neighbours=tuple(sorted(self.sensing.sighted(own[0], now_ns))) if own else (),
+            links_on=tuple(name for name, state in links.items() if state == "on"),
+            links_kept=tuple(name for name, state in links.items() if state != "on"),
+            counters=dict(self.counters),
+        )
+
+    def _log(self, now_ns: int, level: LogLevel, event: str, text: str, remedy: str = "") -> None:
+        words = f"{text}; {remedy}" if remedy and text else text
+        entry = LogEntry(stamp_ns=now_ns, level=level, source=self.robot, event=event, text=words)
+        self._logs = [*self._logs[-15:], entry]
+
+    @staticmethod
+    def _due(last_ns: int, period_s: float, now_ns: int) -> int:
+        period_ns = int(period_s * 1e9)
+        return last_ns + period_ns if now_ns - last_ns < 4 * period_ns else now_ns + period_ns

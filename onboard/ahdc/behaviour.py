@@ -1,0 +1,66 @@
+"""Section III-A: the node's velocity from cohesion, separation and alignment (eq. 12).
+
+Each part is a vector of at most unit length; eq. 12's sum saturates at one and scales u_max.
+"""
+
+import math
+from collections.abc import Iterable
+
+from onboard.ahdc.parameters import Vector
+
+SHARPNESS_PER_M = 30.0
+"""zeta: how fast separation fades beyond r_a."""
+REAR_WEIGHT = 0.5
+"""mu: weight of a robot straight behind, against 1 straight ahead."""
+SIDE_STEP = 0.3
+"""Share of the separation that turns to the right-hand side, so that head-on robots pass."""
+
+
+def cohesion(own: Vector, others: Iterable[Vector], sensing_radius_m: float) -> Vector:
+    """u_i^c: mean of the ways to the neighbours, in units of r_c."""
+    points = list(others)
+    if not points:
+        return (0.0, 0.0)
+    scale = 1 / (sensing_radius_m * len(points))
+    return (sum(p[0] - own[0] for p in points) * scale, sum(p[1] - own[1] for p in points) * scale)
+
+
+def separation(own: Vector, others: Iterable[Vector], ahead: Vector, avoidance_radius_m: float) -> Vector:
+    """u_i^s: away from each neighbour by exp(zeta (r_a - d)), weighted ahead, with a side-step to the right.
+
+    ``ahead`` is the unit direction of travel, (0, 0) where there is none. Coincident robots part along x.
+    """
+    ux = uy = 0.0
+    for other in others:
+        dx, dy = other[0] - own[0], other[1] - own[1]
+        distance = math.hypot(dx, dy)
+        if distance > avoidance_radius_m + 0.3:
+            continue
+        rx, ry = (dx / distance, dy / distance) if distance > 1e-9 else (1.0, 0.0)
+        cosine = rx * ahead[0] + ry * ahead[1]
+        weight = REAR_WEIGHT + (1 - REAR_WEIGHT) * (1 + cosine) / 2
+        push = weight * math.exp(min(5.0, SHARPNESS_PER_M * (avoidance_radius_m - distance)))
+        ux += push * (-rx + SIDE_STEP * ry)
+        uy += push * (-ry - SIDE_STEP * rx)
+    return saturate((ux, uy))
+
+
+def alignment(own: Vector, goal: Vector, speed_share: float = 1.0) -> Vector:
+    """u_i^a: unit vector towards the goal, times the share of full speed wanted there."""
+    dx, dy = goal[0] - own[0], goal[1] - own[1]
+    distance = math.hypot(dx, dy)
+    return (dx / distance * speed_share, dy / distance * speed_share) if distance > 1e-9 else (0.0, 0.0)
+
+
+def velocity(parts: tuple[Vector, Vector, Vector], weights: tuple[float, float, float], max_speed_mps: float) -> Vector:
+    """u_i of eq. 12, m/s: alpha u_c + beta u_s + gamma u_a, saturated at u_max."""
+    x = sum(weight * part[0] for weight, part in zip(weights, parts, strict=True))
+    y = sum(weight * part[1] for weight, part in zip(weights, parts, strict=True))
+    x, y = saturate((x, y))
+    return (x * max_speed_mps, y * max_speed_mps)
+
+
+def saturate(vector: Vector, limit: float = 1.0) -> Vector:
+    """The vector, shortened to ``limit`` where it is longer."""
+    length = math.hypot(*vector)
+    return vector if length <= limit else (vector[0] * limit / length, vector[1] * limit / length)

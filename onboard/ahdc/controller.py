@@ -1,0 +1,138 @@
+"""Algorithm 1: one robot's whole decision, and what it tells its neighbours."""
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+from contract.messages import LinkMessage, NeighbourState, Target
+from contract.units import metres, radians
+from onboard.ahdc.cotr import Task
+from onboard.ahdc.field_law import FieldLaw
+from onboard.ahdc.links import Link
+from onboard.ahdc.memory import to_hex
+from onboard.ahdc.paper_law import PaperLaw
+from onboard.ahdc.parameters import Parameters, Vector
+from onboard.ahdc.plan import Motion, Planner
+from onboard.ahdc.stopping import stop_tables
+from onboard.ahdc.tasking import Tasking
+from onboard.ahdc.view import Decision, View
+
+LinkWord = Literal["on", "doubt", "leaving"]
+
+MAIL_REPEATS = 2
+"""Every link message rides on this many state messages: the radio loses some."""
+STILL_MPS = 0.01
+
+
+class Controller:
+    """One robot's law in either profile; :meth:`decide` then :meth:`announce`, once a step."""
+
+    def __init__(
+        self,
+        robot: str,
+        boot: int,
+        parameters: Parameters,
+        period_s: float,
+        steer: Callable[[Vector, float], tuple[float, float]],
+        rims: Callable[[float, float, float, float], tuple[float, float]],
+    ) -> None:
+        self.robot = robot
+        self.boot = boot
+        self.parameters = parameters
+        self.tasking = Tasking(robot, parameters)
+        self.paper = PaperLaw(robot, parameters) if parameters.profile == "paper" else None
+        self.field = FieldLaw(robot, boot, parameters, period_s, steer) if parameters.profile == "field" else None
+        self.planner = self.field.planner if self.field else Planner(parameters, stop_tables(parameters), period_s)
+        self._steer = steer
+        self._rims = rims
+        self._seq = 0
+        self._mail: list[tuple[int, LinkMessage]] = []
+
+    def decide(self, view: View) -> Decision:
+        """Rim speeds for this step: goal from algorithm 2, motion from the profile's law, or stop."""
+        tasking = self.tasking
+        if self.field is not None:
+            self.field.keep_links(view)
+        goal = tasking.update(view)
+        reason = "" if goal is not None and goal.why == "target" else goal.why if goal is not None else "hold"
+        if self.paper is not None:
+            u = self.paper.velocity(view, goal)
+            if not view.may_move:
+                return Decision(0.0, 0.0, "hold")
+            speed, turn = self._steer(u, view.motion.heading_rad)
+            left, right = self._rims(speed, turn, self.parameters.wheel_separation_m, self.parameters.max_speed_mps)
+            return Decision(left, right, reason)
+        assert self.field is not None
+        if not view.may_move:
+            return Decision(0.0, 0.0, "hold")
+        facing = tasking.claim_at() if tasking.task is Task.OCCUPIED and tasking.next_target is not None else None
+        command = self.field.command(view, goal, facing)
+        waits = "joining" if not self.field.joined else command.bound or reason
+        return Decision(command.left_mps, command.right_mps, waits)
+
+    def hear_mail(self, sender: str, mail: tuple[LinkMessage, ...], now_s: float) -> None:
+        """Link protocol messages of a neighbour's state message."""
+        if self.field is not None:
+            for message in mail:
+                self.field.links.hear(sender, message, now_s)
+
+    def link_states(self) -> dict[str, LinkWord]:
+        """Every enforced link: 'on', 'doubt' (offered, accepted, in removal) or 'leaving'."""
+        if self.field is None:
+            return {name: "on" for name in sorted(self.paper.neighbours if self.paper else ())}
+        names: dict[Link, LinkWord] = {Link.ON: "on", Link.LEAVING: "leaving"}
+        links = self.field.links
+        return {name: names.get(links.state(name), "doubt") for name in links.enforced()}
+
+    def announce(self, motion: Motion, stamp_ns: int, left_mps: float, right_mps: float) -> NeighbourState:
+        """The state message for this moment, given the rim speeds really commanded."""
+        tasking = self.tasking
+        long, short = self.planner.stop_points(motion, left_mps, right_mps)
+        speed = (motion.left_mps + motion.right_mps) / 2
+        self._seq += 1
+        still = max(abs(left_mps), abs(right_mps), abs(motion.left_mps), abs(motion.right_mps)) < STILL_MPS
+        claim = tasking.claim
+        claim_at = tasking.claim_at()
+        links = self.link_states()
+        return NeighbourState(
+            robot=self.robot,
+            boot=self.boot,
+            seq=self._seq,
+            stamp_ns=stamp_ns,
+            x_m=metres(motion.x_m),
+            y_m=metres(motion.y_m),
+            heading_rad=radians(math.remainder(motion.heading_rad, math.tau)),
+            vx_mps=metres(speed * math.cos(motion.heading_rad)),
+            vy_mps=metres(speed * math.sin(motion.heading_rad)),
+            stop_long=(metres(long[0]), metres(long[1])),
+            stop_short=(metres(short[0]), metres(short[1])),
+            moving=not still,
+            task="helping" if tasking.helping else tasking.task.value,
+            claim=-1 if claim is None else claim,
+            claim_at=claim_at,
+            indicator=tasking.indicator,
+            hops=tasking.hops,
+            cloud_seen=tasking.cloud_seen,
+            occupied=to_hex(tasking.memory.occupied),
+            sightings=self._sightings(),
+            help=tasking.assist.told,
+            links_on=tuple(name for name, state in links.items() if state == "on"),
+            links_kept=tuple(name for name, state in links.items() if state != "on"),
+            wishes=tuple(sorted(self.paper.wishes)) if self.paper else (),
+            mail=self._post(),
+        )
+
+    def _sightings(self) -> tuple[Target, ...]:
+        if not self.parameters.share_sightings:
+            return ()
+        known = self.tasking.memory.open()
+        return tuple(Target(index=k, x_m=metres(x), y_m=metres(y)) for k, (x, y) in sorted(known.items()))
+
+    def _post(self) -> tuple[LinkMessage, ...]:
+        if self.field is None:
+            return ()
+        outbox = self.field.links.outbox
+        self._mail = [(left - 1, message) for left, message in self._mail if left > 1]
+        self._mail += [(MAIL_REPEATS, message) for message in outbox]
+        outbox.clear()
+        return tuple(message for _, message in self._mail)

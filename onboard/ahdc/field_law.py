@@ -1,0 +1,197 @@
+"""The ``field`` profile: verified links, stop-point plan, and a velocity that already respects both."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
+from onboard.ahdc.links import Link, LinkTable
+from onboard.ahdc.parameters import Parameters, Vector
+from onboard.ahdc.plan import CONTACT_M, Command, Partner, Planner, enforced_radius_m, make_disc
+from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_tables
+from onboard.ahdc.view import Goal, View
+
+ADD_SHARE = 0.8
+"""Links are offered up to this share of r_c'."""
+REMOVE_SHARE = 0.82
+"""Removal is tried beyond this share, where a detour of shorter links exists."""
+LOOK_AHEAD_S = 0.12
+"""T_p: how far ahead the wanted velocity must respect the link discs."""
+YIELD_RANGE_M = 0.6
+CLOSING_TIME_S = 0.25
+MAX_AGE_S = 0.5
+"""A stop point is not carried on for longer than this."""
+REMOVAL_PAUSE_S = 0.1
+ON_THE_SPOT_RADPS = 6.0
+
+Steer = Callable[[Vector, float], tuple[float, float]]
+
+
+class FieldLaw:
+    """Links, bound and velocity of one robot."""
+
+    def __init__(self, robot: str, boot: int, parameters: Parameters, period_s: float, steer: Steer) -> None:
+        self.robot = robot
+        self.links = LinkTable(robot, boot)
+        self.planner = Planner(parameters, stop_tables(parameters), period_s)
+        self.joined = False
+        """Every robot within r_c at the start has been linked: rule 8."""
+        self._parameters = parameters
+        self._steer = steer
+        (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
+        self._approach = Brake((weak + strong) / 2, (quick + slow) / 2)
+        self._next_removal_s = 0.0
+
+    def keep_links(self, view: View) -> None:
+        """Run the link protocol: silence, boots, offers, at most one removal, repetitions."""
+        links, now_s = self.links, view.now_s
+        links.note_silence(name for name, heard in view.heard.items() if heard.silent)
+        for name, heard in view.heard.items():
+            links.note_boot(name, heard.state.boot)
+        own = (view.motion.x_m, view.motion.y_m)
+        radius = self._parameters.link_radius_m
+        waiting = False
+        for name, heard in view.heard.items():
+            sighted = view.sighted.get(name)
+            if sighted is None or heard.silent:
+                continue
+            distance = math.dist(own, (sighted.x_m, sighted.y_m))
+            state = links.state(name)
+            reach = self._parameters.sensing_radius_m if not self.joined else ADD_SHARE * radius
+            if distance <= reach and state in (Link.OFF, Link.DOUBT) and self.robot < name:
+                links.offer(name, now_s)
+            waiting |= distance <= self._parameters.sensing_radius_m and state is not Link.ON
+        self.joined |= not waiting
+        if self.joined and now_s >= self._next_removal_s and links.removal is None:
+            self._try_removal(view, own)
+        links.tick(now_s)
+
+    def _try_removal(self, view: View, own: Vector) -> None:
+        """Propose giving up the longest link for which a common neighbour offers two shorter ones."""
+        places = {name: (s.x_m, s.y_m) for name, s in view.sighted.items()}
+        distances = {name: math.dist(own, place) for name, place in places.items()}
+        vouched = [name for name in self.links.vouched() if name in distances]
+        for other in sorted(vouched, key=lambda name: -distances[name]):
+            if distances[other] <= REMOVE_SHARE * self._parameters.link_radius_m:
+                return
+            if not self.robot < other:
+                continue
+            middle = min(
+                (
+                    name
+                    for name in vouched
+                    if name != other
+                    and other in view.heard[name].state.links_on
+                    and max(distances[name], math.dist(places[name], places[other])) < distances[other]
+                ),
+                key=lambda name: max(distances[name], math.dist(places[name], places[other])),
+                default=None,
+            )
+            if middle is not None and self.links.propose_removal([self.robot, middle, other], view.now_s):
+                self._next_removal_s = view.now_s + REMOVAL_PAUSE_S
+                return
+
+    def partners(self, view: View) -> list[Partner]:
+        """Every robot the plan must respect, with its stop points as announced or, unheard, as seen."""
+        partners = []
+        for name, sighted in view.sighted.items():
+            heard = view.heard.get(name)
+            age_s = min(sighted.age_s, MAX_AGE_S)
+            x, y = sighted.x_m + sighted.vx_mps * age_s, sighted.y_m + sighted.vy_mps * age_s
+            enforced = self.links.enforces(name)
+            if heard is None:
+                stops = self._unheard_stops((x, y), (sighted.vx_mps, sighted.vy_mps))
+                partners.append(Partner(name, enforced, x, y, stops, stops, sighted.age_s, False))
+                continue
+            state = heard.state
+            carry_s = min(heard.age_s, MAX_AGE_S)
+            dx, dy = state.vx_mps * carry_s, state.vy_mps * carry_s
+            long = (state.stop_long, (state.stop_long[0] + dx, state.stop_long[1] + dy))
+            short = (state.stop_short, (state.stop_short[0] + dx, state.stop_short[1] + dy))
+            resting = not state.moving and not heard.silent
+            partners.append(Partner(name, enforced, x, y, long, short, heard.age_s, resting))
+        return partners
+
+    def _unheard_stops(self, place: Vector, v: Vector) -> tuple[Vector, ...]:
+        speed = math.hypot(*v)
+        if speed < 1e-3:
+            return (place,)
+        brake = self.planner.weak_brake
+        way = (speed * brake.lag_s + speed * speed / (2 * brake.deceleration_mps2)) / speed
+        return (place, (place[0] + v[0] * way, place[1] + v[1] * way))
+
+    def command(self, view: View, goal: Goal | None, facing: Vector | None) -> Command:
+        """Rim speeds towards the goal; without one, rest, and once at rest turn towards ``facing``."""
+        partners = self.partners(view)
+        motion = view.motion
+        own = (motion.x_m, motion.y_m)
+        u = self.velocity(view, goal, partners) if goal is not None and self.joined else (0.0, 0.0)
+        if u == (0.0, 0.0):
+            slow = abs(motion.left_mps + motion.right_mps) / 2 < 0.005
+            if facing is None or not slow:
+                return Command(0.0, 0.0, "")
+            _, turn = self._steer((facing[0] - own[0], facing[1] - own[1]), motion.heading_rad)
+            return self.planner.choose(motion, 0.0, clip(turn), partners)
+        speed, turn = self._steer(u, motion.heading_rad)
+        return self.planner.choose(motion, speed, clip(turn), partners)
+
+    def velocity(self, view: View, goal: Goal, partners: Sequence[Partner]) -> Vector:
+        """Eq. 12 without cohesion, kept out of head-on courses and inside the link discs."""
+        p = self._parameters
+        own = (view.motion.x_m, view.motion.y_m)
+        left_m = math.dist(own, goal.point) - goal.stop_short_m
+        if left_m <= 0.0:
+            return (0.0, 0.0)
+        share = min(1.0, speed_for_stop_mps(left_m, self._approach) / p.max_speed_mps)
+        wanted = alignment(own, goal.point)
+        near = [(partner.x_m, partner.y_m) for partner in partners]
+        parts = ((0.0, 0.0), separation(own, near, wanted, p.avoidance_radius_m), alignment(own, goal.point, share))
+        u = velocity(parts, (0.0, p.separation_weight, p.alignment_weight), p.max_speed_mps)
+        u = keep_closing_slow(u, own, partners)
+        return self._into_discs(u, view, partners)
+
+    def _into_discs(self, u: Vector, view: View, partners: Sequence[Partner]) -> Vector:
+        """The velocity nearest to ``u`` whose way in T_p stays in every link disc, by cyclic projection."""
+        start = self.planner.brake_points(view.motion)[0]
+        discs = []
+        for partner in partners:
+            if partner.enforced:
+                diameter = enforced_radius_m(self._parameters, partner.age_s)
+                for point in partner.long_stops:
+                    disc = make_disc(start, point, diameter)
+                    if disc.inside:
+                        discs.append((disc.middle, disc.radius_m))
+                    else:
+                        discs.append((disc.partner, disc.gap_m))
+        x, y = start[0] + u[0] * LOOK_AHEAD_S, start[1] + u[1] * LOOK_AHEAD_S
+        for _ in range(4):
+            moved = False
+            for (cx, cy), radius in discs:
+                distance = math.hypot(x - cx, y - cy)
+                if distance > radius:
+                    x, y = cx + (x - cx) * radius / distance, cy + (y - cy) * radius / distance
+                    moved = True
+            if not moved:
+                break
+        new = ((x - start[0]) / LOOK_AHEAD_S, (y - start[1]) / LOOK_AHEAD_S)
+        if new[0] * u[0] + new[1] * u[1] <= 0.0:
+            return (0.0, 0.0)
+        return saturate(new, math.hypot(*u))
+
+
+def keep_closing_slow(u: Vector, own: Vector, partners: Sequence[Partner]) -> Vector:
+    """Half-planes u.n <= k (d - contact) / T towards near robots; part of what is cut becomes a side-step."""
+    for partner in partners:
+        dx, dy = partner.x_m - own[0], partner.y_m - own[1]
+        distance = math.hypot(dx, dy)
+        if not 1e-9 < distance < YIELD_RANGE_M:
+            continue
+        nx, ny = dx / distance, dy / distance
+        share = 1.0 if partner.resting else 0.5
+        excess = u[0] * nx + u[1] * ny - share * max(0.0, distance - CONTACT_M) / CLOSING_TIME_S
+        if excess > 0:
+            u = (u[0] - excess * nx + 0.3 * excess * ny, u[1] - excess * ny - 0.3 * excess * nx)
+    return u
+
+
+def clip(turn_rate_radps: float) -> float:
+    return max(-ON_THE_SPOT_RADPS, min(ON_THE_SPOT_RADPS, turn_rate_radps))

@@ -1,0 +1,313 @@
+"""The verified-path link protocol of the ``field`` profile: no removal on one robot's view.
+
+Theory of operation. Every link is kept ("enforced") by both its ends until a *transaction* has verified
+a detour hop by hop. An end *enforces* a link in every state but OFF, and *vouches* for it, that is, lets
+others' detours lean on it, only in state ON. A coordinator first stops vouching (DOUBT), then sends LOCK
+along the detour; each node on it forwards only if it vouches for both its path links, the far end answers
+YES only if it vouches for the link in question and for its last path link. After YES the coordinator logs
+the transaction and repeats COMMIT until the far end acknowledges. Any edge removed from a verified path
+had a coordinator that started later, so replacing removed edges by their own verified paths terminates:
+the graph of links enforced at both ends stays connected under any delay, loss, duplication and reordering.
+
+New links come by a three-way handshake (ADD, ACCEPT, CONFIRM); each end enforces from its own first
+message on and vouches only once it knows that the other end enforces.
+
+Pure: :meth:`LinkTable.hear` and :meth:`LinkTable.tick` take messages and time (s) and fill an outbox.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+from contract.messages import LinkMessage, TransactionId
+
+
+class Link(Enum):
+    """State of one link at one end."""
+
+    OFF = "off"
+    OFFERED = "offered"
+    """ADD sent: enforce, do not vouch."""
+    ACCEPTED = "accepted"
+    """ACCEPT sent: enforce, do not vouch."""
+    ON = "on"
+    DOUBT = "doubt"
+    """A removal is open (either end): enforce, do not vouch."""
+    LEAVING = "leaving"
+    """Committed as coordinator: enforce until the far end has acknowledged."""
+
+
+Repeated = Literal["add", "accept", "confirm", "commit", "inquire"]
+
+OFFER_REPEAT_S = 0.1
+COMMIT_REPEAT_S = 0.1
+INQUIRE_S = 0.3
+LOCK_TIMEOUT_S = 0.5
+"""Liveness only: a removal that is not answered in time is given up."""
+REMEMBERED = 512
+"""Closed transactions kept in mind (they are older than any message still under way)."""
+
+
+@dataclass
+class Entry:
+    """One link's state at this end."""
+
+    state: Link = Link.OFF
+    tx: TransactionId | None = None
+    """The transaction it is in: an offer's life, or a removal."""
+    since_s: float = 0.0
+    sent_s: float = -1e9
+    life: TransactionId | None = None
+    """The ADD that made this link."""
+
+
+@dataclass
+class Removal:
+    """The one transaction this robot coordinates."""
+
+    tx: TransactionId
+    other: str
+    started_s: float
+
+
+@dataclass
+class LinkTable:
+    """All links of one robot. ``boot`` differs after every restart, so old transactions are known as such."""
+
+    robot: str
+    boot: int
+    entries: dict[str, Entry] = field(default_factory=dict)
+    outbox: list[LinkMessage] = field(default_factory=list)
+    removal: Removal | None = None
+    _counter: int = 0
+    _committed: dict[TransactionId, None] = field(default_factory=dict)
+    _closed: dict[TransactionId, None] = field(default_factory=dict)
+    _silent: set[str] = field(default_factory=set)
+    _boots: dict[str, int] = field(default_factory=dict)
+
+    def state(self, other: str) -> Link:
+        entry = self.entries.get(other)
+        return entry.state if entry else Link.OFF
+
+    def enforces(self, other: str) -> bool:
+        """Rule 1: the motion bound holds for this link."""
+        return self.state(other) is not Link.OFF
+
+    def vouches(self, other: str) -> bool:
+        """Rule 1: others' detours may lean on this link. Never for a neighbour that has gone silent."""
+        return self.state(other) is Link.ON and other not in self._silent
+
+    def enforced(self) -> list[str]:
+        return [name for name, entry in self.entries.items() if entry.state is not Link.OFF]
+
+    def vouched(self) -> list[str]:
+        return [name for name in self.entries if self.vouches(name)]
+
+    def note_silence(self, silent: Iterable[str]) -> None:
+        """Neighbours not heard of lately: their links stay enforced but are not vouched for (rule 8)."""
+        self._silent = set(silent)
+
+    def note_boot(self, other: str, boot: int) -> None:
+        """A neighbour with a new boot number has lost its memory: enforce, stop vouching, offer anew (rule 8)."""
+        known = self._boots.get(other)
+        self._boots[other] = boot
+        if known is None or known == boot or not self.enforces(other):
+            return
+        entry = self.entries[other]
+        if self.removal is not None and self.removal.other == other:
+            self.removal = None
+        entry.state, entry.tx, entry.life = Link.DOUBT, None, None
+
+    def offer(self, other: str, now_s: float) -> None:
+        """Start a link with a neighbour (rule 7); nothing happens where one exists in good state."""
+        entry = self.entries.setdefault(other, Entry())
+        if entry.state is Link.OFF or (entry.state is Link.DOUBT and entry.tx is None):
+            self._close_life(entry)
+            entry.state, entry.since_s = Link.OFFERED, now_s
+            entry.tx = entry.life = self._new_id()
+            self._send(entry, now_s, other, "add")
+
+    def propose_removal(self, path: list[str], now_s: float) -> bool:
+        """Coordinate the removal of the link to ``path[-1]`` over a detour ``path``, own id first (rule 2)."""
+        other = path[-1]
+        if self.removal is not None or len(path) < 3 or not self.vouches(other) or not self.vouches(path[1]):
+            return False
+        entry = self.entries[other]
+        tx = self._new_id()
+        entry.state, entry.tx, entry.since_s = Link.DOUBT, tx, now_s
+        self.removal = Removal(tx, other, now_s)
+        self.outbox.append(LinkMessage(to=path[1], kind="lock", tx=tx, path=tuple(path), hop=1))
+        return True
+
+    def tick(self, now_s: float) -> None:
+        """Repetitions and time-outs."""
+        if self.removal is not None and now_s - self.removal.started_s > LOCK_TIMEOUT_S:
+            self._abort()
+        for other, entry in self.entries.items():
+            if entry.state is Link.OFFERED and now_s - entry.sent_s >= OFFER_REPEAT_S:
+                self._send(entry, now_s, other, "add")
+            elif entry.state is Link.ACCEPTED and now_s - entry.sent_s >= OFFER_REPEAT_S:
+                self._send(entry, now_s, other, "accept")
+            elif entry.state is Link.LEAVING and now_s - entry.sent_s >= COMMIT_REPEAT_S:
+                self._send(entry, now_s, other, "commit")
+            elif (
+                entry.state is Link.DOUBT
+                and entry.tx is not None
+                and entry.tx.coordinator != self.robot
+                and now_s - entry.sent_s >= INQUIRE_S
+            ):
+                self._send(entry, now_s, other, "inquire")
+
+    def hear(self, sender: str, message: LinkMessage, now_s: float) -> None:
+        """One message from ``sender``; anything that does not fit the state is answered or ignored, never obeyed."""
+        if message.to != self.robot or message.tx is None or sender == self.robot:
+            return
+        entry = self.entries.setdefault(sender, Entry())
+        tx = message.tx
+        match message.kind:
+            case "add":
+                self._on_add(sender, entry, tx, now_s)
+            case "accept":
+                self._on_accept(sender, entry, tx, now_s)
+            case "confirm":
+                if entry.state is Link.ACCEPTED and entry.life == tx:
+                    entry.state = Link.ON
+            case "lock":
+                self._on_lock(sender, message, now_s)
+            case "nack":
+                self._on_nack(message)
+            case "yes":
+                self._on_yes(sender, entry, tx, now_s)
+            case "commit":
+                self._on_commit(sender, entry, tx)
+            case "abort":
+                self._close(tx)
+                if entry.state is Link.DOUBT and entry.tx == tx:
+                    entry.state = Link.ON
+            case "ack":
+                if entry.state is Link.LEAVING and entry.tx == tx:
+                    entry.state, entry.tx = Link.OFF, None
+                    self._close_life(entry)
+            case "inquire":
+                self._on_inquire(sender, tx)
+            case "unknown":
+                pass  # the coordinator lost its memory: stay in DOUBT until a new ADD (rule 6)
+
+    def _on_add(self, sender: str, entry: Entry, tx: TransactionId, now_s: float) -> None:
+        if tx in self._closed:
+            return
+        if entry.state is Link.ON and entry.life == tx:
+            return
+        crossed = entry.state is Link.OFFERED
+        if crossed and self.robot < sender:
+            return  # both offered: the lower id's offer counts
+        forgotten = entry.state is Link.DOUBT and entry.tx is None
+        orphaned = entry.state in (Link.DOUBT, Link.LEAVING, Link.ON) and entry.life != tx
+        if entry.state is Link.OFF or crossed or forgotten or orphaned:
+            if self.removal is not None and self.removal.other == sender:
+                self.removal = None
+            self._close_life(entry)
+            entry.state, entry.since_s = Link.ACCEPTED, now_s
+            entry.tx = entry.life = tx
+        if entry.state is Link.ACCEPTED and entry.life == tx:
+            self._send(entry, now_s, sender, "accept")
+
+    def _on_accept(self, sender: str, entry: Entry, tx: TransactionId, now_s: float) -> None:
+        if entry.life != tx:
+            return
+        if entry.state is Link.OFFERED:
+            entry.state, entry.since_s = Link.ON, now_s
+        if entry.state is not Link.OFF:
+            self._send(entry, now_s, sender, "confirm", tx)
+
+    def _on_lock(self, sender: str, message: LinkMessage, now_s: float) -> None:
+        path, hop, tx = message.path, message.hop, message.tx
+        assert tx is not None
+        if not (len(path) - 1 >= 2 and 1 <= hop < len(path) and path[hop] == self.robot and path[hop - 1] == sender):
+            return
+        coordinator = path[0]
+        if coordinator != tx.coordinator or coordinator == self.robot:
+            return
+        last = hop == len(path) - 1
+        if last:
+            entry = self.entries.setdefault(coordinator, Entry())
+            again = entry.state is Link.DOUBT and entry.tx == tx
+            if again or (self.vouches(coordinator) and self.vouches(sender) and tx not in self._closed):
+                entry.state, entry.tx, entry.since_s = Link.DOUBT, tx, now_s
+                entry.sent_s = now_s
+                self.outbox.append(LinkMessage(to=coordinator, kind="yes", tx=tx))
+                return
+        elif self.vouches(sender) and self.vouches(path[hop + 1]):
+            self.outbox.append(LinkMessage(to=path[hop + 1], kind="lock", tx=tx, path=path, hop=hop + 1))
+            return
+        self.outbox.append(LinkMessage(to=sender, kind="nack", tx=tx, path=path, hop=hop - 1))
+
+    def _on_nack(self, message: LinkMessage) -> None:
+        tx = message.tx
+        if self.removal is not None and self.removal.tx == tx:
+            self._abort()
+        elif 1 <= message.hop < len(message.path) and message.path[message.hop] == self.robot:
+            back = message.path[message.hop - 1]
+            self.outbox.append(LinkMessage(to=back, kind="nack", tx=tx, path=message.path, hop=message.hop - 1))
+
+    def _on_yes(self, sender: str, entry: Entry, tx: TransactionId, now_s: float) -> None:
+        if self.removal is not None and self.removal.tx == tx and self.removal.other == sender:
+            self.removal = None
+            _remember(self._committed, tx)
+            entry.state, entry.tx, entry.since_s = Link.LEAVING, tx, now_s
+            self._send(entry, now_s, sender, "commit")
+        elif tx.coordinator == self.robot:
+            self._on_inquire(sender, tx)
+
+    def _on_commit(self, sender: str, entry: Entry, tx: TransactionId) -> None:
+        if entry.state is Link.DOUBT and entry.tx == tx:
+            entry.state, entry.tx = Link.OFF, None
+            self._close_life(entry)
+            self._close(tx)
+        if tx in self._closed:
+            self.outbox.append(LinkMessage(to=sender, kind="ack", tx=tx))
+
+    def _on_inquire(self, sender: str, tx: TransactionId) -> None:
+        if tx.coordinator != self.robot:
+            return
+        if tx.boot != self.boot:
+            answer: Literal["unknown", "commit", "abort"] = "unknown"
+        elif tx in self._committed:
+            answer = "commit"
+        elif self.removal is not None and self.removal.tx == tx:
+            return
+        else:
+            answer = "abort"
+        self.outbox.append(LinkMessage(to=sender, kind=answer, tx=tx))
+
+    def _abort(self) -> None:
+        removal = self.removal
+        assert removal is not None
+        self.removal = None
+        entry = self.entries[removal.other]
+        if entry.state is Link.DOUBT and entry.tx == removal.tx:
+            entry.state = Link.ON
+        self.outbox.append(LinkMessage(to=removal.other, kind="abort", tx=removal.tx))
+
+    def _close(self, tx: TransactionId) -> None:
+        _remember(self._closed, tx)
+
+    def _close_life(self, entry: Entry) -> None:
+        if entry.life is not None:
+            self._close(entry.life)
+            entry.life = None
+
+    def _new_id(self) -> TransactionId:
+        self._counter += 1
+        return TransactionId(coordinator=self.robot, boot=self.boot, number=self._counter)
+
+    def _send(self, entry: Entry, now_s: float, other: str, kind: Repeated, tx: TransactionId | None = None) -> None:
+        entry.sent_s = now_s
+        self.outbox.append(LinkMessage(to=other, kind=kind, tx=tx or entry.tx))
+
+
+def _remember(memory: dict[TransactionId, None], tx: TransactionId) -> None:
+    memory[tx] = None
+    if len(memory) > REMEMBERED:
+        del memory[next(iter(memory))]

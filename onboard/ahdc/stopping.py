@@ -1,0 +1,184 @@
+"""Where a robot comes to rest: the brake model behind the field profile's stop points.
+
+A wheel's rim speed follows its command as dv/dt = clip((command - v) / lag, -a, +a): a first-order lag
+with a limited acceleration. A body with a calibrated *interval* of (a, lag) is bracketed by the weakest
+brake (a low, lag high: the ``long`` stop) and the strongest (a high, lag low: the ``short`` stop).
+
+The resting place after "wheels to zero" depends, seen from the body, on the two rim speeds alone, so it
+is tabulated once (fine numerical integration) and interpolated.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from onboard.ahdc.parameters import Parameters
+
+INTEGRATION_STEP_S = 0.001
+NODES = 49
+"""Table nodes an axis; with linear interpolation the error stays below 0.2 mm."""
+TABLE_RANGE = 1.15
+"""Rim speeds covered, in units of u_max: measured speed may overshoot."""
+
+
+class Brake(NamedTuple):
+    """One brake model: rim deceleration and first-order lag."""
+
+    deceleration_mps2: float
+    lag_s: float
+
+
+class Placement(NamedTuple):
+    """A pose change seen from the body: forward and left, m, and turn, rad."""
+
+    forward_m: float
+    left_m: float
+    turn_rad: float
+
+
+def rim_after(speed_mps: float, command_mps: float, brake: Brake, duration_s: float) -> tuple[float, float]:
+    """(rim speed, rim way) after following a constant command; closed form."""
+    gap = command_mps - speed_mps
+    sign = 1.0 if gap > 0 else -1.0
+    a, lag = brake
+    knee = a * lag
+    way = 0.0
+    if abs(gap) > knee:
+        ramp_s = min(duration_s, (abs(gap) - knee) / a)
+        way = (speed_mps + sign * a * ramp_s / 2) * ramp_s
+        speed_mps += sign * a * ramp_s
+        duration_s -= ramp_s
+        if duration_s <= 0:
+            return (speed_mps, way)
+        gap = command_mps - speed_mps
+    if lag < 1e-6:
+        return (command_mps, way + command_mps * duration_s)
+    decay = math.exp(-duration_s / lag)
+    return (command_mps - gap * decay, way + command_mps * duration_s - gap * lag * (1 - decay))
+
+
+def stop_distance_m(speed_mps: float, brake: Brake) -> float:
+    """Straight way to rest from a speed; never negative."""
+    v, (a, lag) = abs(speed_mps), brake
+    knee = a * lag
+    return v * lag if v <= knee else (v * v - knee * knee) / (2 * a) + knee * lag
+
+
+def speed_for_stop_mps(distance_m: float, brake: Brake) -> float:
+    """The speed whose straight stop takes this distance: inverse of :func:`stop_distance_m`."""
+    if distance_m <= 0:
+        return 0.0
+    a, lag = brake
+    knee = a * lag
+    if lag > 0 and distance_m <= knee * lag:
+        return distance_m / lag
+    return math.sqrt(max(0.0, 2 * a * (distance_m - knee * lag) + knee * knee))
+
+
+class StopTable:
+    """Resting place after immediate full braking, by rim speeds, for one brake model."""
+
+    def __init__(self, brake: Brake, max_rim_mps: float, wheel_separation_m: float) -> None:
+        self.brake = brake
+        self.wheel_separation_m = wheel_separation_m
+        self._limit_mps = max_rim_mps * TABLE_RANGE
+        self._scale = (NODES - 1) / (2 * self._limit_mps)
+        axis = np.linspace(-self._limit_mps, self._limit_mps, NODES)
+        left, right = np.meshgrid(axis, axis, indexing="ij")
+        forward, sideways, turn = _integrate_stop(left, right, brake, wheel_separation_m)
+        self._nodes: list[list[Placement]] = [
+            [Placement(float(forward[i, j]), float(sideways[i, j]), float(turn[i, j])) for j in range(NODES)]
+            for i in range(NODES)
+        ]
+
+    def place(self, left_mps: float, right_mps: float) -> Placement:
+        """Resting place from rim speeds; beyond the table's range the edge is scaled up."""
+        limit = self._limit_mps
+        excess = max(abs(left_mps), abs(right_mps)) / limit
+        if excess > 1:
+            inner = self.place(left_mps / excess, right_mps / excess)
+            return Placement(inner[0] * excess * excess, inner[1] * excess * excess, inner[2] * excess)
+        u = (left_mps + limit) * self._scale
+        v = (right_mps + limit) * self._scale
+        i, j = min(int(u), NODES - 2), min(int(v), NODES - 2)
+        u -= i
+        v -= j
+        row, next_row = self._nodes[i], self._nodes[i + 1]
+        a, b, c, d = row[j], row[j + 1], next_row[j], next_row[j + 1]
+        wa, wb, wc, wd = (1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v
+        return Placement(
+            wa * a[0] + wb * b[0] + wc * c[0] + wd * d[0],
+            wa * a[1] + wb * b[1] + wc * c[1] + wd * d[1],
+            wa * a[2] + wb * b[2] + wc * c[2] + wd * d[2],
+        )
+
+    def place_after(
+        self, left_mps: float, right_mps: float, command_left_mps: float, command_right_mps: float, period_s: float
+    ) -> Placement:
+        """Resting place after one period of a command and then full braking."""
+        new_left, way_left = rim_after(left_mps, command_left_mps, self.brake, period_s)
+        new_right, way_right = rim_after(right_mps, command_right_mps, self.brake, period_s)
+        turn = (way_right - way_left) / self.wheel_separation_m
+        way = (way_left + way_right) / 2
+        stop = self.place(new_left, new_right)
+        cosine, sine = math.cos(turn), math.sin(turn)
+        return Placement(
+            way * math.cos(turn / 2) + stop[0] * cosine - stop[1] * sine,
+            way * math.sin(turn / 2) + stop[0] * sine + stop[1] * cosine,
+            turn + stop[2],
+        )
+
+
+Grid = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+def _integrate_stop(left: Grid, right: Grid, brake: Brake, wheel_separation_m: float) -> tuple[Grid, Grid, Grid]:
+    """Midpoint integration of the unicycle while both wheels brake, tail included."""
+    a, lag = brake
+    forward, sideways, turn = np.zeros_like(left), np.zeros_like(left), np.zeros_like(left)
+    fastest = float(np.max(np.abs(left)))
+    horizon_s = fastest / a + 9 * lag + INTEGRATION_STEP_S
+    step_s = min(INTEGRATION_STEP_S, max(horizon_s / 2000, 1e-5))
+    decay = math.exp(-step_s / lag) if lag > 1e-9 else 0.0
+    for _ in range(math.ceil(horizon_s / step_s)):
+        new_left = _brake(left, a, a * lag, decay, step_s)
+        new_right = _brake(right, a, a * lag, decay, step_s)
+        way = (left + right + new_left + new_right) * (step_s / 4)
+        rotation = (right + new_right - left - new_left) * (step_s / 2 / wheel_separation_m)
+        middle = turn + rotation / 2
+        forward += way * np.cos(middle)
+        sideways += way * np.sin(middle)
+        turn += rotation
+        left, right = new_left, new_right
+    return forward, sideways, turn
+
+
+def _brake(speed: Grid, a: float, knee: float, decay: float, step_s: float) -> Grid:
+    linear = np.sign(speed) * np.maximum(np.abs(speed) - a * step_s, 0.0)
+    return np.where(np.abs(speed) > knee, linear, speed * decay)
+
+
+class Stops(NamedTuple):
+    """The bracket of resting places: weakest and strongest brake."""
+
+    long: StopTable
+    short: StopTable
+
+
+def stop_tables(parameters: Parameters) -> Stops:
+    """Tables for both ends of the calibrated brake interval."""
+    (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
+    make = _cached_table
+    limit, separation = parameters.max_speed_mps, parameters.wheel_separation_m
+    return Stops(make(Brake(weak, slow), limit, separation), make(Brake(strong, quick), limit, separation))
+
+
+_tables: dict[tuple[Brake, float, float], StopTable] = {}
+
+
+def _cached_table(brake: Brake, max_rim_mps: float, wheel_separation_m: float) -> StopTable:
+    key = (brake, max_rim_mps, wheel_separation_m)
+    if key not in _tables:
+        _tables[key] = StopTable(brake, max_rim_mps, wheel_separation_m)
+    return _tables[key]

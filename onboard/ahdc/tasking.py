@@ -1,0 +1,226 @@
+"""COTR at work: algorithm 2 on what one robot knows, with the field profile's additions.
+
+The ``paper`` profile uses algorithm 2 alone: targets in sight, the nearest one, indicators in sight.
+The ``field`` profile adds memory, choice by reachability, yielding, the hop gradient and HELP.
+"""
+
+import math
+
+from contract.messages import NeighbourState
+from onboard.ahdc.assist import SKIP_S, Assist
+from onboard.ahdc.cotr import (
+    Claim,
+    Event,
+    Task,
+    is_indicator,
+    nearest_target,
+    reachable_target,
+    transition,
+    yields,
+)
+from onboard.ahdc.memory import TargetMemory, from_hex
+from onboard.ahdc.parameters import Parameters, Vector
+from onboard.ahdc.view import Goal, View
+
+NO_HOPS = 1000
+STAND_OFF_M = 0.4
+"""A follower stops this far from the one it follows."""
+HELP_STAND_OFF_M = 0.6
+LOCKOUT_S = 0.5
+"""After yielding a target it is not chosen again for this long."""
+RETHINK_S = 0.1
+"""How often a robot without a target looks for one."""
+REACHED_SPEED_MPS = 0.05
+LEAD_M = 2.0
+"""A start direction is a goal this far ahead."""
+
+
+class Tasking:
+    """Task, target and goal of one robot."""
+
+    def __init__(self, robot: str, parameters: Parameters) -> None:
+        self.robot = robot
+        self._parameters = parameters
+        self._field = parameters.profile == "field"
+        self.task = Task.FREE
+        self.target: int | None = None
+        """Tracked or occupied target."""
+        self.next_target: int | None = None
+        """Chosen while still holding the present one (field)."""
+        self.memory = TargetMemory()
+        self.assist = Assist(robot, parameters.robots)
+        self.cloud_seen = False
+        self.hops = NO_HOPS
+        self.indicator = False
+        self.helping = False
+        self.occupied_count = 0
+        self._visible: dict[int, Vector] = {}
+        self._held_from_s = 0.0
+        self._blocked_until: dict[int, float] = {}
+        self._rethink_s = -1.0
+
+    @property
+    def claim(self) -> int | None:
+        """The target others should leave to this robot."""
+        if self.task is Task.OCCUPIED and self.next_target is not None:
+            return self.next_target
+        return self.target
+
+    def claim_at(self) -> Vector | None:
+        return None if self.claim is None else self.memory.known.get(self.claim)
+
+    def update(self, view: View) -> Goal | None:
+        """One run of algorithm 2; the goal, or None to stop."""
+        self._learn(view)
+        claims = self._claims(view)
+        own = (view.motion.x_m, view.motion.y_m)
+        if not view.may_move:
+            self._held_from_s = min(self._held_from_s, view.now_s)
+            return None
+        self._advance(view, own, claims)
+        return self._goal(view, own)
+
+    def _learn(self, view: View) -> None:
+        for index, position in view.targets.items():
+            self.memory.see(index, position)
+        for heard in view.heard.values():
+            state = heard.state
+            self.memory.merge(from_hex(state.occupied))
+            self.cloud_seen |= state.cloud_seen
+            for target in state.sightings:
+                self.memory.see(target.index, (target.x_m, target.y_m))
+        if self._field:
+            self._visible = self.memory.open()
+            self.assist.listen(
+                (name, heard.state.help)
+                for name, heard in view.heard.items()
+                if heard.state.help is not None and not heard.silent
+            )
+        else:
+            self._visible = {k: p for k, p in view.targets.items() if self.memory.is_open(k)}
+        self.cloud_seen |= bool(view.targets)
+        self.indicator = is_indicator(self.task, self.target, self._visible)
+        near = [h.state.hops for h in view.heard.values() if not h.silent and h.state.hops < self._parameters.robots]
+        self.hops = 0 if self.indicator else min(near, default=NO_HOPS) + 1
+        if self.hops >= self._parameters.robots:
+            self.hops = NO_HOPS
+
+    def _claims(self, view: View) -> list[Claim]:
+        claims = []
+        for name, heard in view.heard.items():
+            state = heard.state
+            if state.claim >= 0 and state.claim_at is not None:
+                sighted = view.sighted.get(name)
+                place = (sighted.x_m, sighted.y_m) if sighted else (state.x_m, state.y_m)
+                claims.append(Claim(name, state.claim, math.dist(place, state.claim_at)))
+        return claims
+
+    def _advance(self, view: View, own: Vector, claims: list[Claim]) -> None:
+        now_s = view.now_s
+        if self.task is Task.OCCUPIED:
+            if self._field and now_s >= self._rethink_s:
+                self._rethink_s = now_s + RETHINK_S
+                self.next_target = self._choose(view, own, claims)
+            if now_s - self._held_from_s >= self._parameters.occupying_time_s:
+                self._become(Event.HELD, now_s)
+        if self.task is Task.TRACKING:
+            self._track(view, own, claims)
+        self.helping = self._field and self.task is not Task.OCCUPIED and self.assist.heard is not None
+        if self.helping and self.task is Task.TRACKING:
+            self._become(Event.LOST, now_s)
+        if self.task is Task.FREE and not self.helping and now_s >= self._rethink_s:
+            chosen = self._choose(view, own, claims)
+            if chosen is not None:
+                self.target = chosen
+                self._become(Event.OBSERVED, now_s)
+            elif self._field:
+                self._rethink_s = now_s + RETHINK_S
+
+    def _track(self, view: View, own: Vector, claims: list[Claim]) -> None:
+        assert self.target is not None
+        place = self.memory.known[self.target]
+        distance_m = math.dist(own, place)
+        now_s = view.now_s
+        speed = abs(view.motion.left_mps + view.motion.right_mps) / 2
+        if not self.memory.is_open(self.target):
+            self._become(Event.LOST, now_s)
+        elif distance_m <= self._parameters.reach_m and (speed < REACHED_SPEED_MPS or not self._field):
+            self.memory.occupy(self.target)
+            self.occupied_count += 1
+            self._become(Event.REACHED, now_s)
+        elif self._field:
+            if yields(self.robot, distance_m, claims, self.target):
+                self._blocked_until[self.target] = now_s + LOCKOUT_S
+                self._become(Event.LOST, now_s)
+            elif self.assist.track(distance_m, now_s):
+                self._blocked_until[self.target] = now_s + SKIP_S
+                self._become(Event.LOST, now_s)
+        elif self.target not in self._visible:
+            self._become(Event.LOST, now_s)
+
+    def _become(self, event: Event, now_s: float) -> None:
+        self.task = transition(self.task, event)
+        self._rethink_s = now_s
+        if event is Event.OBSERVED:
+            self.assist.start_tracking(now_s)
+        elif event is Event.REACHED:
+            self._held_from_s = now_s
+            self.next_target = None
+            self.assist.stop_tracking()
+        else:
+            self.target = self.next_target = None
+            self.assist.stop_tracking()
+
+    def _choose(self, view: View, own: Vector, claims: list[Claim]) -> int | None:
+        if not self._field:
+            return nearest_target(own, self._visible)
+        now_s = view.now_s
+        options = {
+            k: p
+            for k, p in self._visible.items()
+            if self._blocked_until.get(k, -1.0) <= now_s and not yields(self.robot, math.dist(own, p), claims, k)
+        }
+        if len(options) < 2:
+            return next(iter(options), None)
+        anchors = []
+        for name, sighted in view.sighted.items():
+            heard = view.heard.get(name)
+            claim_at = heard.state.claim_at if heard is not None else None
+            anchors.append(claim_at or (sighted.x_m, sighted.y_m))
+        return reachable_target(own, options, anchors, self._parameters.link_radius_m)
+
+    def _goal(self, view: View, own: Vector) -> Goal | None:
+        if self.task is Task.TRACKING:
+            assert self.target is not None
+            return Goal(self.memory.known[self.target], 0.0, "target")
+        if self.task is Task.OCCUPIED:
+            return None
+        if self.helping:
+            return self._towards(view, self.assist.via, HELP_STAND_OFF_M, "help")
+        leader = self._leader(view)
+        if leader is not None:
+            return self._towards(view, leader, STAND_OFF_M, "indicator")
+        if not self.cloud_seen:
+            angle = view.start_direction_rad
+            return Goal((own[0] + LEAD_M * math.cos(angle), own[1] + LEAD_M * math.sin(angle)), 0.0, "start")
+        return None
+
+    def _leader(self, view: View) -> str | None:
+        """The indicator to follow: the nearest in sight (paper), the neighbour with fewest hops to one (field)."""
+        own = (view.motion.x_m, view.motion.y_m)
+
+        def distance(name: str) -> float:
+            return math.dist(own, view.sighted[name][:2])
+
+        fresh: dict[str, NeighbourState] = {
+            name: heard.state for name, heard in view.heard.items() if not heard.silent and name in view.sighted
+        }
+        if not self._field:
+            return min((n for n, s in fresh.items() if s.indicator), key=lambda n: (distance(n), n), default=None)
+        near = [n for n, s in fresh.items() if s.hops < self.hops]
+        return min(near, key=lambda n: (fresh[n].hops, distance(n), n), default=None)
+
+    @staticmethod
+    def _towards(view: View, name: str, stand_off_m: float, why: str) -> Goal | None:
+        sighted = view.sighted.get(name)
+        return None if sighted is None else Goal((sighted.x_m, sighted.y_m), stand_off_m, why)

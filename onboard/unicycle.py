@@ -1,0 +1,43 @@
+"""Velocity vector to wheel speeds for a differential drive (the platform, not the paper).
+
+Eq. 1 asks for a single integrator; the body realises it along its heading and turns towards the rest.
+"""
+
+import math
+
+TURN_GAIN_PER_S = 6.0
+"""Turn rate per radian of heading error; 9 per s broke networks."""
+
+
+def fold(angle_rad: float) -> float:
+    """The angle in (-pi, pi]."""
+    return math.pi - (math.pi - angle_rad) % (2 * math.pi)
+
+
+def steer(velocity: tuple[float, float], heading_rad: float) -> tuple[float, float]:
+    """(speed_mps, turn_rate_radps) that follows a velocity vector (m/s, arena frame), reversing where nearer.
+
+    The heading error is folded to +-90 degrees; a zero vector gives zero turn.
+    """
+    x, y = velocity
+    length = math.hypot(x, y)
+    if length == 0.0:
+        return (0.0, 0.0)
+    error = fold(math.atan2(y, x) - heading_rad)
+    sign = 1.0
+    if abs(error) > math.pi / 2:
+        error, sign = fold(error - math.pi), -1.0
+    return (sign * length * math.cos(error), TURN_GAIN_PER_S * error)
+
+
+def rims(speed_mps: float, turn_rate_radps: float, wheel_separation_m: float, limit_mps: float) -> tuple[float, float]:
+    """(left, right) rim speeds, m/s; beyond the limit both shrink alike, which keeps the curvature."""
+    half = turn_rate_radps * wheel_separation_m / 2
+    left, right = speed_mps - half, speed_mps + half
+    excess = max(abs(left), abs(right)) / limit_mps
+    return (left, right) if excess <= 1 else (left / excess, right / excess)
+
+
+def body(left_mps: float, right_mps: float, wheel_separation_m: float) -> tuple[float, float]:
+    """(speed_mps, turn_rate_radps) of the body from rim speeds."""
+    return ((left_mps + right_mps) / 2, (right_mps - left_mps) / wheel_separation_m)
