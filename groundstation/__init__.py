@@ -1,0 +1,1 @@
+"""People: sessions, recordings, reports, and the mock arena that needs no hardware."""

@@ -1,0 +1,110 @@
+"""The station's place on the network: one client session, a bounded queue in, publishers out."""
+
+import os
+import select
+import signal
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+from contract import network
+from contract.arena import Arena
+from contract.codec import WireError, decode, encode
+from contract.keys import Keys
+from contract.messages import Message
+
+QUEUE = 20_000
+
+
+class LinkError(RuntimeError):
+    """No router answers at the arena's endpoint."""
+
+
+class Link:
+    """A client session of the arena's router. Use it in a ``with`` block: a session left open hangs the exit.
+
+    :raises LinkError: on entering, if no router answers within ``timeout_s``.
+    """
+
+    def __init__(self, arena: Arena, source: str, timeout_s: float = 10.0) -> None:
+        self.keys = Keys(arena.arena.name)
+        self.refused = 0
+        """Payloads that were not the message their key carries."""
+        self._endpoint = arena.link.router
+        self._source = source
+        self._timeout_s = timeout_s
+        self._queue: deque[tuple[str, bytes]] = deque(maxlen=QUEUE)
+        self._publishers: dict[str, Any] = {}
+        self._event = -1
+        self._session: Any = None
+        self._token: Any = None
+
+    def __enter__(self) -> "Link":
+        os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
+        import zenoh
+
+        config = zenoh.Config()
+        for key, value in network.client_config(self._endpoint, self._timeout_s):
+            config.insert_json5(key, value)
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise LinkError(f"no router answers at {self._endpoint} ({error}); start the mocap bridge") from None
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._token = self._session.liveliness().declare_token(self.keys.presence(self._source))
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._session.close()
+        os.close(self._event)
+        self._event = -1
+
+    def subscribe(self, keys: Iterable[str]) -> None:
+        """Queue what arrives on these keys."""
+        for key in keys:
+            self._session.declare_subscriber(key, self._store)
+
+    def _store(self, sample: Any) -> None:
+        self._queue.append((str(sample.key_expr), sample.payload.to_bytes()))
+        if self._event >= 0:
+            os.eventfd_write(self._event, 1)
+
+    def publish(self, key: str, message: Message, channel: str) -> None:
+        """Put one message with the quality of service of its channel (:data:`contract.network.QOS`)."""
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            import zenoh
+
+            qos = network.QOS[channel]
+            publisher = self._publishers[key] = self._session.declare_publisher(
+                key,
+                priority=getattr(zenoh.Priority, qos.priority),
+                congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
+                reliability=getattr(zenoh.Reliability, qos.reliability),
+                express=qos.express,
+            )
+        publisher.put(encode(message))
+
+    def wait(self, timeout_s: float) -> None:
+        """Until something has arrived, at most ``timeout_s``."""
+        select.select([self._event], [], [], max(0.0, timeout_s))
+
+    def drain(self) -> list[tuple[str, Message]]:
+        """Everything that has arrived, decoded; what does not decode is counted."""
+        try:
+            os.eventfd_read(self._event)
+        except BlockingIOError:
+            return []
+        messages = []
+        while self._queue:
+            key, payload = self._queue.popleft()
+            kind = self.keys.kind(key)
+            try:
+                if kind is not None:
+                    messages.append((key, decode(kind, payload)))
+            except WireError:
+                self.refused += 1
+        return messages
