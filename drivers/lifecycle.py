@@ -5,7 +5,7 @@ from typing import Protocol
 from contract.messages import WheelFeedback
 from drivers.base import DiffDrive, DriverError, WheelSpeeds
 
-REOPEN_NS = 1_000_000_000
+REOPEN_NS = 250_000_000
 
 
 class Listener(Protocol):
@@ -26,14 +26,20 @@ class Wheels:
         self._listener = listener
         self._retry_ns = 0
 
-    def open(self, now_ns: int) -> bool:
-        """Configure, at most once a second; a fault is told to the listener, success clears it."""
-        if self.ready or now_ns < self._retry_ns:
+    def open(self, now_ns: int, again: bool = False) -> bool:
+        """Configure, at intervals; a fault is told to the listener, success clears it.
+
+        :param again: start over although the port works: the fault was the controller's own.
+        """
+        if (self.ready and not again) or now_ns < self._retry_ns:
             return self.ready
+        self.ready = False
         self._retry_ns = now_ns + REOPEN_NS
         try:
             self.driver.close()
             self.driver.configure()
+            if again:
+                self.driver.clear_errors(now_ns)
         except DriverError as error:
             self._listener.driver_fault(str(error), error.remedy, now_ns)
             return False

@@ -171,6 +171,7 @@ class _Arc:
         self.committed_m = sum(stop_m(speed, *weak) for speed in self._speeds) / 2
         self._heading = heading_rad if sign > 0 else heading_rad + math.pi
         measured = (wheels_mps[1] - wheels_mps[0]) / (2 * half)
+        self._least_m, self._most_m = self._rolled(0.0), self._rolled(1.0)
         self._left = self._turn(max(0.0, measured, omega_radps))
         self._right = self._turn(max(0.0, -measured, -omega_radps))
 
@@ -189,9 +190,9 @@ class _Arc:
 
     def fraction(self, room_m: float) -> float:
         """Largest f in [0, 1] such that f times the command, then braking, rolls at most ``room_m``."""
-        if self._rolled(1.0) <= room_m:
+        if self._most_m <= room_m:
             return 1.0
-        if self._rolled(0.0) >= room_m:
+        if self._least_m >= room_m:
             return 0.0
         low, high = 0.0, 1.0
         for _ in range(12):

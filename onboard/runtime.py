@@ -21,24 +21,25 @@ from contract.codec import WireError, encode
 from contract.keys import Keys
 from contract.messages import LogEntry
 from drivers.base import DiffDrive, WheelSpeeds
-from drivers.registry import open_drive, wheel_faults
+from drivers.lifecycle import Wheels
+from drivers.registry import open_robot, wheel_faults
 from onboard.agent import Agent, Drive
 from onboard.inbox import Inbox, read
-from drivers.lifecycle import Wheels
 
 TICK_NS = 18_000_000
 HOUSEKEEPING_NS = 2_000_000
 LOG_EVERY_NS = 1_000_000_000
+COUNT_EVERY_NS = 100_000_000
 
 
-def subscriptions(arena: Arena, robot: str) -> dict[str, int]:
+def subscriptions(arena: Arena) -> dict[str, int]:
     """Keys one robot listens to, each with its rank: stop and heartbeat before all else.
 
-    Its own report is among them: hearing it means that another process uses this robot's id.
+    Its own state is among them: hearing it means that another process uses this robot's id.
     """
     keys = Keys(arena.arena.name)
-    ordered = [keys.stop, keys.heartbeat, keys.mocap_frame, keys.targets, keys.report(robot)]
-    ordered += [keys.state(other) for other in arena.robots if other != robot]
+    ordered = [keys.stop, keys.heartbeat, keys.mocap_frame, keys.targets]
+    ordered += [keys.state(other) for other in arena.robots]
     return {key: rank for rank, key in enumerate(ordered)}
 
 
@@ -49,7 +50,7 @@ class Runtime:
         self._keys = Keys(arena.arena.name)
         self._robot = robot
         self._agent = agent
-        self._urgency = subscriptions(arena, robot)
+        self._urgency = subscriptions(arena)
         self._inbox = Inbox(self._urgency)
         self._wheels = Wheels(driver, agent)
         self._arena = arena
@@ -57,6 +58,8 @@ class Runtime:
         self._stopping = False
         self._logged_ns: dict[str, int] = {}
         self._watched = -1
+        self._state = "disarmed"
+        self._counted_ns = 0
         self._poll = select.poll()
 
     def run(self) -> int:
@@ -153,8 +156,15 @@ class Runtime:
 
     def _keep_house(self, now_ns: int) -> None:
         self._wheels.ask(now_ns)
-        if not self._wheels.ready and self._agent.run_state == "disarmed":
-            self._wheels.open(now_ns)
+        state = self._agent.run_state
+        if state == "disarmed":
+            self._wheels.open(now_ns, again=self._state == "fault")
+        self._state = state
+        if now_ns - self._counted_ns > COUNT_EVERY_NS:
+            self._counted_ns = now_ns
+            self._agent.counters.update(
+                {f"driver_{name}": count for name, count in self._wheels.driver.counters.items()}
+            )
         for key, message in self._agent.outbox(now_ns):
             self._publishers[key].put(encode(message))
 
@@ -184,8 +194,7 @@ def run(path: Path, robot: str) -> int:
     :raises contract.arena.ArenaError: the file has faults, or no such robot.
     """
     arena = load(path, wheel_faults)
-    table = robot_or_fault(arena, robot).wheels
+    robot_or_fault(arena, robot)
     os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
     agent = Agent(arena, robot, boot=time.time_ns() // 1_000_000)
-    driver = open_drive(robot, table, arena.platform, arena.safety)
-    return Runtime(arena, robot, agent, driver).run()
+    return Runtime(arena, robot, agent, open_robot(arena, robot)).run()
