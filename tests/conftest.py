@@ -47,9 +47,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     if FRESH:
-        terminalreporter.write_line(
-            f"fresh examples; the same again with --hypothesis-seed={config.option.hypothesis_seed}"
-        )
+        seed = config.option.hypothesis_seed
+        terminalreporter.write_line(f"fresh examples; the same again with --hypothesis-seed={seed}")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

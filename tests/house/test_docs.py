@@ -1,0 +1,64 @@
+"""Links and commands in the documentation lead somewhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.house.checkout import ROOT, tracked
+
+PAGES = [str(path.relative_to(ROOT)) for path in tracked("*.md")]
+LINK = re.compile(r"\]\(([^)\s]+)\)|<img[^>]+src=\"([^\"]+)\"")
+VERBS = set(re.findall(r"^  ([a-z]+) ", (ROOT / "kit").read_text().split('"""')[1], re.MULTILINE))
+
+
+def without_code(text: str) -> str:
+    return re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
+
+
+def anchors(text: str) -> set[str]:
+    """The anchors a reader's browser gets for the headings, as GitHub spells them."""
+    headings = re.findall(r"^#+ +(.*)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def broken(page: Path, text: str) -> list[str]:
+    """Relative links of a page that lead to no file or to no heading."""
+    found = []
+    for match in LINK.finditer(without_code(text)):
+        target = match[1] or match[2]
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name) if name else page
+        if not file.exists():
+            found.append(f"{page.name}: {target}: no such file")
+        elif anchor and file.suffix == ".md" and anchor not in anchors(file.read_text() if name else text):
+            found.append(f"{page.name}: {target}: no such heading")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_resolve(page: str) -> None:
+    assert broken(ROOT / page, (ROOT / page).read_text()) == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_kit_verbs_exist(page: str) -> None:
+    used = set(re.findall(r"\./kit (?:--yes )?([a-z]+)", (ROOT / page).read_text()))
+    assert used <= VERBS
+
+
+def test_a_broken_link_is_found() -> None:
+    page = ROOT / "README.md"
+    assert broken(page, "# A\n[x](no/such.md) [y](#b) [z](#a)") == [
+        "README.md: no/such.md: no such file",
+        "README.md: #b: no such heading",
+    ]
+
+
+def test_every_page_in_docs_is_in_the_index() -> None:
+    index = (ROOT / "docs" / "README.md").read_text()
+    pages = [path.relative_to(ROOT / "docs").as_posix() for path in tracked("docs/*.md") if path.name != "README.md"]
+    assert pages
+    assert [page for page in pages if f"({page}" not in index] == []

@@ -1,0 +1,139 @@
+"""Who may import whom, read from the syntax tree.
+
+``contract`` imports no other room; the four rooms import ``contract`` only, but for single named files. A module is
+pure unless it stands in ``SHELLS``: time, sockets, threads, logs and devices are a shell's business.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+from tests.house.checkout import ROOMS, ROOT
+
+EVERY_ROOM = set(ROOMS)
+MAY_IMPORT_ROOMS = {
+    "onboard/runtime.py": {"contract", "drivers"},
+    "groundstation/rig.py": EVERY_ROOM,
+    "groundstation/simulate.py": EVERY_ROOM,
+    "groundstation/replay.py": EVERY_ROOM,
+    "groundstation/mock_arena.py": EVERY_ROOM,
+}
+DEVICES = {"can", "serial", "socket", "zenoh", "mcap"}
+MACHINE = {"asyncio", "logging", "multiprocessing", "select", "selectors", "signal", "subprocess", "threading", "time"}
+IMPURE = DEVICES | MACHINE
+SPELLED = re.compile(rf"({'|'.join(ROOMS)})(\.[a-z_]+)+")
+STATION_ONLY = {"matplotlib", "mcap", "rich", "starlette", "tomlkit", "uvicorn", "websockets"}
+SHELLS = (
+    "*/cli.py",
+    "*/__main__.py",
+    "onboard/runtime.py",
+    "drivers/ports.py",
+    "drivers/can/bus.py",
+    "drivers/serial/port.py",
+    "drivers/mock/ports.py",
+    "drivers/mock/host.py",
+    "mocap_bridge/bridge.py",
+    "mocap_bridge/runtime.py",
+    "mocap_bridge/sources/*.py",
+    "mocap_bridge/mock/server.py",
+    "groundstation/rig.py",
+    "groundstation/mock_arena.py",
+    "groundstation/recorder.py",
+    "groundstation/session.py",
+)
+
+
+def imported(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of every import, lazy ones and those spelled as a string ('drivers.can') included."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.lineno, ("." * node.level) + (node.module or "")
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and SPELLED.fullmatch(node.value):
+            yield node.lineno, node.value
+
+
+def is_shell(path: str) -> bool:
+    return any(PurePosixPath(path).match(pattern) for pattern in SHELLS)
+
+
+def faults(path: str, source: str) -> list[str]:
+    """What a module imports and may not; ``path`` is relative to the checkout."""
+    room = path.split("/")[0]
+    allowed = MAY_IMPORT_ROOMS.get(path, {"contract"}) | {room}
+    if room == "contract":
+        allowed = {"contract"}
+    found = []
+    for line, name in imported(ast.parse(source)):
+        top = name.split(".")[0]
+        where = f"{path}:{line}: imports {name}"
+        if name.startswith("."):
+            found.append(f"{where}; write the absolute name")
+        if top in EVERY_ROOM - allowed:
+            found.append(f"{where}; {path} may import only {', '.join(sorted(allowed))}")
+        if top in STATION_ONLY and room != "groundstation":
+            found.append(f"{where}; only groundstation may need it, a robot computer goes without")
+        elif top in IMPURE and not is_shell(path):
+            found.append(f"{where}; a pure module may not (take data and time as arguments, or list it in SHELLS)")
+    return found
+
+
+def modules() -> list[str]:
+    return [str(path.relative_to(ROOT)) for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_room_keeps_the_import_rule(room: str) -> None:
+    paths = [path for path in modules() if path.startswith(f"{room}/")]
+    assert paths
+    found = [fault for path in paths for fault in faults(path, (ROOT / path).read_text())]
+    assert not found, "\n".join(found)
+
+
+def test_named_exceptions_exist() -> None:
+    assert [path for path in MAY_IMPORT_ROOMS if not (ROOT / path).is_file()] == []
+
+
+def test_every_shell_pattern_names_a_module() -> None:
+    assert [p for p in SHELLS if not any(PurePosixPath(path).match(p) for path in modules())] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("contract/keys.py", "import onboard"),
+        ("contract/keys.py", "from drivers.base import DiffDrive"),
+        ("onboard/agent.py", "from drivers import gate"),
+        ("onboard/agent.py", "def f():\n    import groundstation.rig"),
+        ("onboard/runtime.py", "import mocap_bridge"),
+        ("groundstation/report.py", "import importlib\nimportlib.import_module('onboard.agent')"),
+        ("drivers/gate.py", "from . import base"),
+        ("drivers/gate.py", "from time import monotonic"),
+        ("onboard/ahdc/controller.py", "import logging"),
+        ("onboard/runtime.py", "import rich"),
+        ("mocap_bridge/cli.py", "import mcap.writer"),
+    ],
+)
+def test_rule_refuses(path: str, source: str) -> None:
+    assert faults(path, source)
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("onboard/runtime.py", "import time, zenoh\nfrom drivers import registry"),
+        ("groundstation/rig.py", "import onboard, drivers, mocap_bridge, subprocess"),
+        ("drivers/can/bus.py", "import can"),
+        ("onboard/agent.py", '"""See drivers.gate and time."""\nfrom contract import keys'),
+    ],
+)
+def test_rule_allows(path: str, source: str) -> None:
+    assert not faults(path, source)
+
+
+def test_scan_reads_every_room_file() -> None:
+    assert Path("contract/messages.py").as_posix() in modules()

@@ -1,0 +1,103 @@
+"""The discipline of the shared configuration itself: skips, tiers, seeds."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.house.checkout import ROOT
+
+SUITE = """
+import hypothesis, pytest
+from hypothesis import strategies as st
+
+def test_good(): pass
+
+@pytest.mark.skip(reason="no such device")
+def test_skipped(): pass
+
+@pytest.mark.xfail(reason="known")
+def test_expected_failure(): assert False
+"""
+
+
+@pytest.fixture
+def suite(tmp_path: Path) -> Path:
+    """A small project under the shared configuration."""
+    (tmp_path / "tests" / "root").mkdir(parents=True)
+    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path / "tests")
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    (tmp_path / "tests" / "skips.txt").write_text("# none\n")
+    (tmp_path / "tests" / "test_a.py").write_text(SUITE)
+    (tmp_path / "tests" / "root" / "test_r.py").write_text("def test_rooted(): pass\n")
+    return tmp_path
+
+
+def pytest_in(suite: Path, *arguments: str, **variables: str) -> tuple[int, str]:
+    env = {k: v for k, v in os.environ.items() if k not in ("CI", "AHDC_FRESH") and not k.startswith("PYTEST_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *arguments],
+        cwd=suite,
+        env={**env, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_a_skip_is_a_skip_outside_ci(suite: Path) -> None:
+    code, output = pytest_in(suite)
+    assert code == 0, output
+    assert "1 passed, 1 skipped, 1 deselected, 1 xfailed" in output
+
+
+def test_an_unlisted_skip_fails_in_ci(suite: Path) -> None:
+    code, output = pytest_in(suite, CI="true")
+    assert code == 1
+    assert "no such device" in output
+    assert "tests/skips.txt" in output
+    assert "1 passed, 1 deselected, 1 xfailed, 1 error" in output
+
+
+def test_an_unlisted_module_skip_fails_in_ci(suite: Path) -> None:
+    (suite / "tests" / "test_m.py").write_text("import pytest\npytest.importorskip('no_such_module_here')\n")
+    code, output = pytest_in(suite, "tests/test_m.py", CI="true")
+    assert code not in (0, 5)
+    assert "no_such_module_here" in output
+
+
+def test_a_listed_skip_passes_in_ci_also_side_by_side(suite: Path) -> None:
+    (suite / "tests" / "skips.txt").write_text("tests/test_a.py::test_skip*  # no such device here\n")
+    code, output = pytest_in(suite, "-n", "1", CI="true")
+    assert code == 0, output
+    assert "1 skipped" in output
+
+
+def test_a_listed_skip_without_a_reason_is_refused(suite: Path) -> None:
+    (suite / "tests" / "skips.txt").write_text("tests/test_a.py::test_skipped\n")
+    code, output = pytest_in(suite, CI="true")
+    assert code != 0
+    assert "has no reason" in output
+
+
+def test_root_tier_runs_only_when_named(suite: Path) -> None:
+    code, output = pytest_in(suite, "-m", "root")
+    assert code == 0
+    assert "1 passed" in output
+
+
+def test_fresh_run_prints_its_seed(suite: Path) -> None:
+    _, output = pytest_in(suite, AHDC_FRESH="1")
+    assert "--hypothesis-seed=" in output
+    _, output = pytest_in(suite, "--hypothesis-seed=7", AHDC_FRESH="1")
+    assert "--hypothesis-seed=7" in output
+
+
+def test_every_listed_skip_names_a_test_file() -> None:
+    lines = (ROOT / "tests" / "skips.txt").read_text().splitlines()
+    files = [line.partition("::")[0] for line in lines if line and not line.startswith("#")]
+    assert [file for file in files if not (ROOT / file).is_file()] == []
