@@ -25,12 +25,25 @@ def parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
     run.add_argument("--robot", required=True, metavar="ID", help="which robot of the arena file, such as r06")
+    verbs.add_parser(
+        "failsafes",
+        allow_abbrev=False,
+        help="what stops a robot, and how each cause clears",
+        description="Print the table of failsafes: trigger, threshold, action, and how it clears (Markdown).",
+    )
     return top
 
 
 def main(argv: list[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
-    return run(arguments)
+    return {"run": run, "failsafes": failsafes}[arguments.verb](arguments)
+
+
+def failsafes(arguments: argparse.Namespace) -> int:
+    from onboard.failsafes import markdown
+
+    print(markdown())
+    return EXIT_GOOD
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -280,3 +280,12 @@ def text(row: Failsafe, sight: Sight) -> str:
     """The row's trigger with what was seen, for a person to read."""
     detail = row.detail(sight)
     return f"{row.trigger}: {detail}" if detail else row.trigger
+
+
+def markdown() -> str:
+    """The table of docs/safety.md."""
+    lines = ["| failsafe | trigger | threshold | action | zero commanded | clears |", "|---|---|---|---|---|---|"]
+    for row in FAILSAFES:
+        cells = (f"`{row.name}`", row.trigger, row.threshold, row.action.upper(), row.deadline, row.clears)
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)

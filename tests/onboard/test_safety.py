@@ -1,0 +1,405 @@
+"""The supervisor: every state with every event, every failsafe row, orders obeyed once."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.arena import Arena, digest, parse
+from contract.messages import SCHEMA_VERSION, StationHeartbeat, StopRequest
+from onboard.failsafes import FAILSAFES, LOST_FACTOR, Conditions, markdown
+from onboard.safety import EVENTS, POWERED, STATES, TRANSITIONS, Supervisor
+
+MS = 1_000_000
+T0 = 10_000 * MS
+ORDERS = ("disarm", "arm", "run", "hold", "stop")
+
+
+def arena(**safety: float) -> Arena:
+    table = {
+        "arena": {"name": "lab", "size_m": [4.0, 5.0]},
+        "robots": {
+            name: {"body": name, "start": [x, 1.0], "wheels": {"kind": "odrive"}}
+            for name, x in (("r06", 1.0), ("r08", 2.0))
+        },
+        "safety": {"battery_low_v": 11.0, "battery_critical_v": 10.0, **safety},
+    }
+    return parse(table, "test")
+
+
+ARENA = arena()
+HASH = digest(ARENA)
+
+
+def good(now_ns: int, **changes: object) -> Conditions:
+    facts = Conditions(
+        pose_valid=True,
+        pose_reason="",
+        pose_stamp_ns=now_ns - 10 * MS,
+        pose_arrival_ns=now_ns - 5 * MS,
+        frame_advancing=True,
+        feedback_stamp_ns=now_ns - 5 * MS,
+        driver_active=True,
+        loop_last_step_ns=now_ns - 10 * MS,
+        battery_v=12.0,
+    )
+    return facts._replace(**changes)
+
+
+class Bench:
+    """A supervisor with a station that beats in time."""
+
+    def __init__(self) -> None:
+        self.now = T0
+        self.supervisor = Supervisor(ARENA, "r06")
+        self.seq = 0
+        self.order_id = 1
+        self.boot = 7
+        self.beat("disarm")
+        self.assess()
+
+    def beat(self, order: str, **changes: object) -> None:
+        self.seq += 1
+        fields = {
+            "schema_version": SCHEMA_VERSION,
+            "boot": self.boot,
+            "seq": self.seq,
+            "stamp_ns": self.now,
+            "order": order,
+            "order_id": self.order_id,
+            "arena_hash": HASH,
+            **changes,
+        }
+        self.supervisor.heartbeat(StationHeartbeat(**fields), self.now)
+
+    def order(self, order: str, **changes: object) -> None:
+        self.order_id += 1
+        self.beat(order, **changes)
+
+    def assess(self, **changes: object):
+        return self.supervisor.assess(good(self.now, **changes), self.now)
+
+    def to(self, state: str) -> "Bench":
+        path = {
+            "disarmed": (),
+            "armed": ("arm",),
+            "running": ("arm", "run"),
+            "holding": ("arm", "run", "hold"),
+            "stopped": ("stop",),
+            "fault": ("arm",),
+        }[state]
+        for order in path:
+            self.order(order)
+        if state == "fault":
+            self.assess(driver_fault="broken")
+        assert self.supervisor.state == state
+        return self
+
+
+# What each state becomes after each event, written out by hand.
+EXPECTED = """
+disarmed arm armed, disarmed run disarmed, disarmed hold disarmed, disarmed disarm disarmed
+disarmed adopt disarmed, disarmed stop stopped, disarmed halt disarmed, disarmed fault disarmed
+armed arm armed, armed run running, armed hold armed, armed disarm disarmed
+armed adopt disarmed, armed stop stopped, armed halt stopped, armed fault fault
+running arm running, running run running, running hold holding, running disarm disarmed
+running adopt disarmed, running stop stopped, running halt stopped, running fault fault
+holding arm holding, holding run running, holding hold holding, holding disarm disarmed
+holding adopt disarmed, holding stop stopped, holding halt stopped, holding fault fault
+stopped arm stopped, stopped run stopped, stopped hold stopped, stopped disarm disarmed
+stopped adopt stopped, stopped stop stopped, stopped halt stopped, stopped fault stopped
+fault arm fault, fault run fault, fault hold fault, fault disarm disarmed
+fault adopt fault, fault stop stopped, fault halt fault, fault fault fault
+"""
+PRODUCT = [tuple(entry.split()) for entry in re.split(r"[,\n]", EXPECTED) if entry.strip()]
+
+
+def test_table_is_the_full_product() -> None:
+    assert {(state, event) for state, event, _ in PRODUCT} == {(s, e) for s in STATES for e in EVENTS}
+    assert {(state, event): after for state, event, after in PRODUCT} == TRANSITIONS
+
+
+@pytest.mark.parametrize(("state", "event", "after"), PRODUCT)
+def test_every_event_in_every_state_through_the_supervisor(state: str, event: str, after: str) -> None:
+    bench = Bench().to(state)
+    if event in ORDERS:
+        bench.order(event)
+    elif event == "adopt":
+        bench.boot += 1
+        bench.beat("run")
+    elif event == "halt":
+        bench.assess(battery_v=1.0)
+    else:
+        bench.assess(driver_fault="broken")
+    assert bench.supervisor.state == after
+
+
+@pytest.mark.parametrize("order", ["arm", "run", "hold"])
+def test_a_rebooted_robot_obeys_no_order_given_before(order: str) -> None:
+    bench = Bench()
+    bench.supervisor = Supervisor(ARENA, "r06")
+    bench.order_id = 40
+    for _ in range(3):
+        bench.beat(order)
+        assert bench.assess().run == "disarmed"
+    bench.order("arm")
+    assert bench.assess().run == "armed"
+
+
+def test_an_order_is_obeyed_once() -> None:
+    bench = Bench().to("armed")
+    bench.order("disarm")
+    bench.order_id -= 1
+    bench.beat("arm")
+    assert bench.supervisor.state == "disarmed"
+
+
+def test_a_restarted_station_neither_resumes_nor_releases() -> None:
+    running, stopped = Bench().to("running"), Bench().to("stopped")
+    for bench, after in ((running, "disarmed"), (stopped, "stopped")):
+        bench.boot, bench.seq, bench.order_id = 99, 0, 1
+        bench.beat("disarm")
+        assert bench.supervisor.state == after
+
+
+def test_orders_to_others_are_not_obeyed_but_stop_is() -> None:
+    bench = Bench()
+    bench.order("arm", robots=("r08",))
+    assert bench.supervisor.state == "disarmed"
+    bench.order("arm", robots=("r06",))
+    assert bench.supervisor.state == "armed"
+    bench.order("stop", robots=("r08",))
+    assert bench.supervisor.state == "stopped"
+
+
+@pytest.mark.parametrize("age_ms", [-10_000, -100, 0, 600, 3_600_000])
+def test_stop_is_obeyed_at_any_age(age_ms: int) -> None:
+    bench = Bench().to("running")
+    bench.order("stop", stamp_ns=max(0, T0 - age_ms * MS))
+    assert bench.supervisor.state == "stopped"
+
+
+def test_stop_request_latches_and_is_acknowledged() -> None:
+    bench = Bench().to("running")
+    bench.supervisor.stop_request(StopRequest(stamp_ns=0, source="a terminal", stop_id=5), bench.now)
+    verdict = bench.assess()
+    assert (verdict.run, verdict.may_move, verdict.latched, bench.supervisor.stop_id) == ("stopped", False, True, 5)
+    assert "a terminal" in verdict.reason
+    for order in ("run", "arm", "hold", "run"):
+        bench.order(order)
+    assert bench.assess().run == "stopped"
+    bench.order("disarm")
+    assert bench.assess().run == "disarmed"
+
+
+def test_release_never_resumes() -> None:
+    bench = Bench().to("running")
+    bench.order("stop")
+    bench.order("disarm")
+    bench.order("run")
+    verdict = bench.assess()
+    assert (verdict.run, verdict.may_move) == ("disarmed", False)
+
+
+@pytest.mark.parametrize("offset_ms", [-501, 21])
+def test_an_old_or_future_heartbeat_is_no_heartbeat(offset_ms: int) -> None:
+    bench = Bench().to("running")
+    bench.now += 501 * MS
+    bench.beat("run", stamp_ns=bench.now + offset_ms * MS)
+    verdict = bench.assess()
+    assert (verdict.may_move, verdict.failsafe) == (False, "station_silent")
+    assert bench.supervisor.ignored_heartbeats == 1
+
+
+def test_a_repeated_heartbeat_does_not_keep_a_robot_moving() -> None:
+    bench = Bench().to("running")
+    bench.now += 501 * MS
+    bench.seq -= 1
+    bench.beat("run")
+    assert not bench.assess().may_move
+
+
+# One change of the facts for each row, the boundary that still passes, and how it ends.
+ROWS = {
+    "driver_fault": ({"driver_fault": "port gone"}, {"driver_fault": ""}),
+    "driver_silent": ({"feedback_stamp_ns": T0 - 251 * MS}, {"feedback_stamp_ns": T0 - 250 * MS}),
+    "duplicate_id": ({"duplicate_id": True}, {"duplicate_id": False}),
+    "motion_mismatch": ({"motion_fault": "wheels turn, body still"}, {"motion_fault": ""}),
+    "battery_critical": ({"battery_v": 9.99}, {"battery_v": 11.0}),
+    "outside_fence": ({"inside_fence": False}, {"inside_fence": True}),
+    "pose_invalid": ({"pose_valid": False, "pose_reason": "occluded"}, {"pose_valid": True}),
+    "pose_silent": ({"pose_arrival_ns": T0 - 151 * MS}, {"pose_arrival_ns": T0 - 150 * MS}),
+    "pose_stale": ({"pose_stamp_ns": T0 - 151 * MS}, {"pose_stamp_ns": T0 - 150 * MS}),
+    "pose_ahead": ({"pose_stamp_ns": T0 + 21 * MS}, {"pose_stamp_ns": T0 + 20 * MS}),
+    "pose_frozen": ({"frame_advancing": False}, {"frame_advancing": True}),
+    "driver_inactive": ({"driver_active": False}, {"driver_active": True}),
+    "loop_overrun": ({"loop_last_step_ns": T0 - 101 * MS}, {"loop_last_step_ns": T0 - 100 * MS}),
+    "battery_low": ({"battery_v": 10.99}, {"battery_v": 11.0}),
+}
+BY_TIME = {"station_silent", "station_lost", "station_mismatch"}
+
+
+def long_active(state: str) -> Bench:
+    """Motors enabled a second ago, all well at T0."""
+    bench = Bench()
+    bench.now -= 1000 * MS
+    bench.assess(driver_active=False)
+    bench.assess()
+    bench.now = T0
+    bench.beat("disarm")
+    bench.assess()
+    return bench.to(state)
+
+
+def test_every_row_has_a_case() -> None:
+    assert ROWS.keys() | BY_TIME == {row.name for row in FAILSAFES}
+
+
+@pytest.mark.parametrize("row", [row for row in FAILSAFES if row.name in ROWS], ids=lambda row: row.name)
+def test_failsafe(row) -> None:
+    bad, fine = ROWS[row.name]
+    passing = long_active("running").assess(**fine)
+    assert (passing.run, passing.may_move) == ("running", True)
+    bench = long_active("running")
+    verdict = bench.assess(**bad)
+    assert verdict.failsafe == row.name
+    assert row.trigger in verdict.reason
+    assert verdict.may_move == (row.action == "warn")
+    assert verdict.run == {"hold": "holding", "stop": "stopped", "fault": "fault", "warn": "running"}[row.action]
+    assert verdict.latched == (row.action in ("stop", "fault"))
+    assert verdict.enable
+    after = bench.assess()
+    assert after.may_move == (row.action in ("hold", "warn"))
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("row", [row for row in FAILSAFES if row.name in ROWS], ids=lambda row: row.name)
+def test_no_failsafe_gives_leave_to_move(row, state: str) -> None:
+    bench = long_active(state)
+    verdict = bench.assess(**ROWS[row.name][0])
+    assert not verdict.may_move or (state == "running" and row.action == "warn")
+    if state not in POWERED:
+        assert bench.supervisor.state == state
+
+
+def test_a_fault_that_lasts_refuses_arming_and_says_why() -> None:
+    bench = Bench().to("fault")
+    bench.order("disarm")
+    bench.assess(driver_fault="port gone")
+    bench.order("arm")
+    verdict = bench.assess(driver_fault="port gone")
+    assert verdict.run == "disarmed"
+    assert "arm refused" in verdict.reason
+    assert "port gone" in verdict.reason
+    bench.assess()
+    bench.beat("arm")
+    assert bench.assess().run == "disarmed", "a refused order is not obeyed later by surprise"
+    bench.order("arm")
+    assert bench.assess().run == "armed"
+
+
+def test_station_silence_holds_then_stops() -> None:
+    bench = Bench().to("running")
+    beat_ns = bench.now
+    bench.now = beat_ns + 500 * MS
+    assert bench.assess().may_move
+    bench.now = beat_ns + 501 * MS
+    verdict = bench.assess()
+    assert (verdict.run, verdict.failsafe, verdict.latched) == ("holding", "station_silent", False)
+    bench.beat("run")
+    assert bench.assess().may_move, "the station is back: its will is still to run"
+    bench.now += LOST_FACTOR * 500 * MS
+    assert bench.assess().failsafe == "station_silent"
+    bench.now += 1 * MS
+    verdict = bench.assess()
+    assert (verdict.run, verdict.failsafe, verdict.latched) == ("stopped", "station_lost", True)
+    bench.beat("run")
+    assert bench.assess().run == "stopped"
+
+
+@pytest.mark.parametrize("change", [{"arena_hash": "000000000000"}, {"arena_hash": ""}, {"schema_version": 99}])
+def test_a_station_with_another_file_or_schema_is_refused(change: dict[str, object]) -> None:
+    bench = Bench()
+    bench.order("arm", **change)
+    verdict = bench.assess()
+    assert verdict.run == "disarmed"
+    assert "station" in verdict.reason
+    bench = Bench().to("running")
+    bench.beat("run", **change)
+    assert bench.assess().failsafe == "station_mismatch"
+    assert bench.supervisor.state == "fault"
+
+
+@pytest.mark.parametrize("order", ["stop", "disarm"])
+def test_motors_stay_enabled_until_the_wheels_rest(order: str) -> None:
+    bench = Bench().to("running")
+    bench.assess()
+    bench.order(order)
+    assert bench.assess(left_mps=0.3, right_mps=0.3).enable
+    bench.now += 100 * MS
+    assert bench.assess(left_mps=0.019, right_mps=-0.021).enable
+    assert bench.assess(left_mps=0.0, right_mps=0.0, feedback_stamp_ns=T0).enable, "feedback from before the stop"
+    verdict = bench.assess(left_mps=0.019, right_mps=-0.019)
+    assert (verdict.enable, verdict.at_rest) == (False, True)
+    assert not bench.assess(left_mps=0.3).enable, "once disabled, disabled"
+
+
+def test_motors_are_disabled_after_the_settling_time_whatever_the_wheels_say() -> None:
+    bench = Bench().to("running")
+    bench.order("stop")
+    bench.now += 499 * MS
+    assert bench.assess(left_mps=0.5).enable
+    bench.now += 1 * MS
+    assert not bench.assess(left_mps=0.5).enable
+
+
+def test_disarmed_motors_are_never_enabled() -> None:
+    assert not Bench().assess().enable
+    assert not Bench().to("stopped").assess().enable
+
+
+def test_without_any_message_nothing_moves() -> None:
+    supervisor = Supervisor(ARENA, "r06")
+    verdict = supervisor.assess(good(T0), T0)
+    assert (verdict.run, verdict.may_move, verdict.enable) == ("disarmed", False, False)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([*ORDERS, "request", "silence", "fault"]),
+            st.integers(0, 300),
+            st.booleans(),
+        ),
+        max_size=30,
+    )
+)
+def test_leave_to_move_needs_run_after_arm_and_a_fresh_station(script) -> None:
+    bench = Bench()
+    armed = ran = False
+    beat_ns = bench.now
+    for what, wait_ms, repeat in script:
+        bench.now += wait_ms * MS
+        if what == "request":
+            bench.supervisor.stop_request(StopRequest(stamp_ns=0, source="x", stop_id=1), bench.now)
+            armed = ran = False
+        elif what == "fault":
+            bench.assess(driver_fault="x")
+            armed = ran = False
+        elif what != "silence":
+            (bench.beat if repeat and what != "stop" else bench.order)(what)
+            beat_ns = bench.now
+            if what in ("disarm", "stop") and not (repeat and what == "disarm"):
+                armed = ran = False
+            armed = armed or what == "arm"
+            ran = (ran or what == "run") and armed
+        if bench.assess().may_move:
+            assert ran
+            assert bench.now - beat_ns <= 500 * MS
+
+
+def test_the_page_shows_the_table() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "safety.md").read_text()
+    assert markdown() in page, "regenerate with: ahdc-onboard failsafes"
