@@ -79,7 +79,7 @@ class Controller:
     def link_states(self) -> dict[str, LinkWord]:
         """Every enforced link: 'on', 'doubt' (offered, accepted, in removal) or 'leaving'."""
         if self.field is None:
-            return {name: "on" for name in sorted(self.paper.neighbours if self.paper else ())}
+            return dict.fromkeys(sorted(self.paper.neighbours if self.paper else ()), "on")
         names: dict[Link, LinkWord] = {Link.ON: "on", Link.LEAVING: "leaving"}
         links = self.field.links
         return {name: names.get(links.state(name), "doubt") for name in links.enforced()}

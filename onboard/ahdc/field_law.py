@@ -38,7 +38,7 @@ class FieldLaw:
         self._parameters = parameters
         self._steer = steer
         (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
-        self._approach = Brake((weak + strong) / 2, (quick + slow) / 2)
+        self._approach = Brake((weak + strong) / 2, (quick + slow) / 2 + 2 * period_s)
         self._next_removal_s = 0.0
 
     def keep_links(self, view: View) -> None:
