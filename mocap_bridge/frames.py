@@ -1,0 +1,69 @@
+"""From the motion-capture system's axes to the arena frame and back. Pure.
+
+The wire has no up axis: it is configuration. Y-up becomes z-up by p' = (x, -z, y),
+q' = (qx, -qz, qy, qw); then origin and rotation of the arena file apply. A body's heading is the
+direction of its x axis seen from above.
+"""
+
+import math
+from typing import NamedTuple
+
+from contract.arena import Mocap
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Pose(NamedTuple):
+    """A body in the arena frame; ``up`` is the cosine of its tilt."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    heading_rad: float
+    up: float
+
+
+class ArenaFrame:
+    """The arena frame as seen by one motion-capture system."""
+
+    def __init__(self, mocap: Mocap) -> None:
+        self.y_up = mocap.up_axis == "y"
+        self._ox, self._oy = mocap.origin_m
+        self._rotation = mocap.rotation_rad
+        self._cos, self._sin = math.cos(mocap.rotation_rad), math.sin(mocap.rotation_rad)
+
+    def pose(self, position: Vector, rotation: Quaternion, offset_rad: float = 0.0) -> Pose:
+        """A body's pose from the source's coordinates; ``rotation`` (x, y, z, w) need not have norm 1.
+
+        ``offset_rad`` is the robot's heading minus its body's. A zero quaternion gives no tilt to
+        trust: check the norm first.
+        """
+        qx, qy, qz, qw = rotation
+        x, y, z = position
+        if self.y_up:
+            y, z = -z, y
+            qy, qz = -qz, qy
+        x -= self._ox
+        y -= self._oy
+        norm = qx * qx + qy * qy + qz * qz + qw * qw
+        yaw = math.atan2(2.0 * (qx * qy + qz * qw), norm - 2.0 * (qy * qy + qz * qz))
+        return Pose(
+            self._cos * x + self._sin * y,
+            self._cos * y - self._sin * x,
+            z,
+            math.remainder(yaw - self._rotation + offset_rad, math.tau),
+            (norm - 2.0 * (qx * qx + qy * qy)) / norm,
+        )
+
+    def source(
+        self, x_m: float, y_m: float, heading_rad: float, z_m: float = 0.0, offset_rad: float = 0.0
+    ) -> tuple[Vector, Quaternion]:
+        """The inverse for an upright body: position and rotation in the source's coordinates."""
+        x = self._cos * x_m - self._sin * y_m + self._ox
+        y = self._sin * x_m + self._cos * y_m + self._oy
+        half = 0.5 * (heading_rad - offset_rad + self._rotation)
+        sine, cosine = math.sin(half), math.cos(half)
+        if self.y_up:
+            return (x, z_m, -y), (0.0, sine, 0.0, cosine)
+        return (x, y, z_m), (0.0, 0.0, sine, cosine)

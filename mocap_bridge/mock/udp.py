@@ -1,0 +1,73 @@
+"""The emulated server on real sockets: command port, data port, loopback or any interface."""
+
+import socket
+import time
+from collections.abc import Iterable
+
+from mocap_bridge.mock.bodies import BodyState
+from mocap_bridge.mock.server import EmulatedServer, Outgoing
+from mocap_bridge.natnet.wire import MAX_DATAGRAM_BYTES
+
+
+class ServerShell:
+    """Two UDP sockets around an :class:`EmulatedServer`, for an event loop of one's own.
+
+    :param address: local address of both sockets, and the interface multicast leaves from.
+    :raises OSError: a port is taken or the address is not this machine's.
+    """
+
+    def __init__(self, server: EmulatedServer, address: str) -> None:
+        mocap = server.settings.mocap
+        self.server = server
+        self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if mocap.multicast_group:
+                self._data.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+                self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+            self._command.bind((address, mocap.command_port))
+            self._data.bind((address, mocap.data_port))
+        except OSError:
+            self.close()
+            raise
+        self._command.setblocking(False)
+        self._data.setblocking(False)
+
+    def fds(self) -> list[int]:
+        """File descriptors to watch for reading."""
+        return [self._command.fileno(), self._data.fileno()]
+
+    def on_readable(self, fd: int, now_ns: int) -> None:
+        """Answer what has come."""
+        sock = self._command if fd == self._command.fileno() else self._data
+        while True:
+            try:
+                datagram, sender = sock.recvfrom(MAX_DATAGRAM_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                self.server.counters["port_unreachable"] += 1
+                return
+            self._send(self.server.receive(datagram, sender, time.monotonic_ns()))
+
+    @property
+    def next_due_ns(self) -> int:
+        """When :meth:`stream` has something to send again."""
+        return self.server.next_due_ns
+
+    def stream(self, now_ns: int, poses: Iterable[BodyState]) -> None:
+        """Send what is due; ``poses`` hold at ``now_ns``."""
+        self._send(self.server.stream(now_ns, poses))
+
+    def _send(self, datagrams: list[Outgoing]) -> None:
+        for datagram in datagrams:
+            sock = self._data if datagram.from_data_port else self._command
+            try:
+                sock.sendto(datagram.data, datagram.to)
+            except OSError:
+                self.server.counters["send_failed"] += 1
+
+    def close(self) -> None:
+        self._command.close()
+        self._data.close()

@@ -1,0 +1,51 @@
+"""The bridge's Zenoh session: the router of the network when its address is this host's."""
+
+import os
+import signal
+import socket
+
+from contract import network
+
+os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
+
+import zenoh
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether the host of an endpoint such as ``tcp/192.168.7.1:7447`` is this machine."""
+    host = endpoint.partition("/")[2].partition("?")[0].rpartition(":")[0].strip("[]")
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind(address)
+    except OSError:
+        return False
+    return True
+
+
+def open_session(endpoint: str) -> zenoh.Session:
+    """The router session, or a client session of the router at ``endpoint``.
+
+    :raises zenoh.ZError: the address is taken, or no router answers.
+    """
+    settings = network.router_config(endpoint) if is_local(endpoint) else network.client_config(endpoint)
+    config = zenoh.Config()
+    for key, value in settings:
+        config.insert_json5(key, value)
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+    try:
+        return zenoh.open(config)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def publisher(session: zenoh.Session, key: str, channel: str) -> zenoh.Publisher:
+    """A publisher with the quality of service of a channel of :data:`contract.network.QOS`."""
+    qos = network.QOS[channel]
+    return session.declare_publisher(
+        key,
+        priority=getattr(zenoh.Priority, qos.priority),
+        congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
+        reliability=getattr(zenoh.Reliability, qos.reliability),
+        express=qos.express,
+    )

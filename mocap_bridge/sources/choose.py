@@ -1,0 +1,33 @@
+"""The source that the arena file asks for."""
+
+from contract.arena import Arena
+from mocap_bridge.natnet import version
+from mocap_bridge.sources.base import Source
+from mocap_bridge.sources.natnet import NatNetReceiver, NatNetSource
+
+
+class SourceError(ValueError):
+    """The source cannot be opened; the text names the arena key and the remedy."""
+
+
+def open_source(arena: Arena) -> Source:
+    """Open ``mocap.source``.
+
+    :raises SourceError: unknown version, no such interface, group or server name.
+    """
+    mocap = arena.mocap
+    if mocap.source != "natnet":
+        raise SourceError(f'mocap.source = "{mocap.source}": only "natnet" is built in yet')
+    try:
+        receiver = NatNetReceiver("ahdc mocap bridge", version.parse(mocap.version), bool(mocap.multicast_group))
+    except version.UnsupportedVersion as error:
+        raise SourceError(f"mocap.version: {error}") from None
+    try:
+        return NatNetSource(
+            receiver, mocap.server, mocap.command_port, mocap.local_address, mocap.multicast_group, mocap.data_port
+        )
+    except OSError as error:
+        raise SourceError(
+            f"mocap.local_address = {mocap.local_address}, mocap.server = {mocap.server}: {error.strerror or error}; "
+            "local_address must be this machine's address in the motion-capture network"
+        ) from None

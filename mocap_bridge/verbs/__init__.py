@@ -1,0 +1,1 @@
+"""The verbs of ``ahdc-mocap-bridge``, one module each, imported only when used."""

@@ -1,0 +1,50 @@
+"""Connect to the motion-capture system of the arena file and publish every frame.
+
+Opens the network's router first (when link.router is this host) and prints "READY mocap_bridge";
+the motion-capture system may appear later, vanish and come back.
+"""
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+
+from contract.arena import ArenaError, load
+from mocap_bridge.sources.choose import SourceError, open_source
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.description = __doc__
+    parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
+    parser.add_argument(
+        "--allow-replay", action="store_true", help="publish frames that the server plays back or edits as valid"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    stop: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda received, _: stop.append(received))
+    try:
+        arena = load(options.arena)
+        source = open_source(arena)
+    except (ArenaError, SourceError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    import zenoh
+
+    from mocap_bridge.bridge import NAME, Bridge
+    from mocap_bridge.network import open_session
+
+    try:
+        session = open_session(arena.link.router)
+    except zenoh.ZError as error:
+        print(f"link.router = {arena.link.router}: {error}", file=sys.stderr)
+        source.close()
+        return 1
+    with session:
+        bridge = Bridge(arena, source, session, options.allow_replay)
+        print(f"READY {NAME}", flush=True)
+        bridge.run(lambda: bool(stop))
+    source.close()
+    return 0
