@@ -155,7 +155,7 @@ class Runtime:
             self._agent.wrote(time.monotonic_ns())
 
     def _keep_house(self, now_ns: int) -> None:
-        self._wheels.ask(now_ns)
+        self._wheels.ask(time.monotonic_ns())
         state = self._agent.run_state
         if state == "disarmed":
             self._wheels.open(now_ns, again=self._state == "fault")

@@ -1,0 +1,110 @@
+"""``demo``: the paper's experiment in the mock arena, in real time, judged from what was recorded."""
+
+import argparse
+import math
+import secrets
+import signal
+import sys
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NoReturn
+
+from contract.arena import Arena, ArenaError
+from contract.messages import TargetCloud
+from groundstation import rig
+from groundstation.conduct import Conductor
+from groundstation.connectivity import summary as connectivity
+from groundstation.link import Link, LinkError
+from groundstation.processes import ChildError
+from groundstation.session import ENDED, Plan, Session
+from groundstation.targets import CloudError, cloud_of
+
+DEFAULT_ARENA = "experiment2"
+READY_S = 20.0
+SETTLE_S = 3.0
+PROGRESS_S = 2.0
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--headless", action="store_true", help="plain lines in place of the live table")
+    parser.add_argument(
+        "--arena", default=DEFAULT_ARENA, metavar="FILE|NAME", help="arena file or example (%(default)s)"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the target cloud")
+    parser.add_argument("--robots", type=int, metavar="N", help="number of robots")
+    parser.add_argument("--targets", type=int, metavar="M", help="number of targets")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where the recording goes (a new folder under runs/)")
+    parser.add_argument("--timeout", type=float, default=75.0, metavar="S", help="of the mission (%(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    out = args.out or Path("runs") / datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    try:
+        arena = rig.mock_arena(rig.find_arena(args.arena), out, rig.Changes(args.robots, args.targets, args.seed))
+        cloud = cloud_of(arena, f"{arena.arena.name}-{arena.targets.seed}")
+        out.mkdir(parents=True, exist_ok=True)
+    except (ArenaError, CloudError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        return _mission(arena, cloud, out, args)
+    except KeyboardInterrupt:
+        print("\ninterrupted: all processes ended, wheels at zero; recording in", out, file=sys.stderr)
+        return 130
+    except (ChildError, LinkError) as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+def _interrupt(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _mission(arena: Arena, cloud: TargetCloud, out: Path, args: argparse.Namespace) -> int:
+    with rig.Rig(arena, out) as processes:
+        began = time.monotonic()
+        processes.start()
+        print(f"{len(arena.robots)} robots ready in {time.monotonic() - began:.1f} s; recording to {out}", flush=True)
+        with Link(arena, "station") as link:
+            plan = Plan(automatic=True, timeout_s=args.timeout, ready_timeout_s=READY_S)
+            boot = secrets.randbelow(1 << 48)
+            session = Session(arena, cloud, boot, plan, connectivity, time.monotonic_ns())
+            conductor = Conductor(arena, session, cloud, link)
+            watch = _progress(session, conductor)
+
+            def over() -> bool:
+                processes.family.check()
+                watch()
+                return session.phase in ENDED
+
+            conductor.until(over, math.inf)
+            conductor.until(lambda: session.at_rest, SETTLE_S)
+    print(f"{session.phase}: {session.detail}")
+    return _judge(arena, session, out)
+
+
+def _progress(session: Session, conductor: Conductor) -> Callable[[], None]:
+    """Prints a line when something happens, and every two seconds."""
+    last = ["", 0.0]
+
+    def watch() -> None:
+        now = time.monotonic()
+        words = f"{session.phase} {len(session.occupied)}"
+        if words == last[0] and now - float(last[1]) < PROGRESS_S:
+            return
+        last[:] = [words, now]
+        status = session.status(time.monotonic_ns())
+        print(
+            f"{status.elapsed_s:6.1f} s  {status.phase:<9} {len(status.occupied):>3}/{status.targets} targets  "
+            f"lambda2 {status.lambda2:.3f}  nearest {status.min_distance_m:.2f} m  {status.detail}",
+            flush=True,
+        )
+
+    return watch
+
+
+def _judge(arena: Arena, session: Session, out: Path) -> int:
+    return 0 if session.phase == "completed" else 1
