@@ -1,1 +1,1 @@
-"""People: sessions, recordings, reports, and the mock arena that needs no hardware."""
+"""The ground station: what people use to run, watch, stop, record and judge a swarm."""
