@@ -1,10 +1,15 @@
 """Links and commands in the documentation lead somewhere."""
 
+import functools
 import re
+import subprocess
+import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from tests.house import arena_page
 from tests.house.checkout import ROOT, tracked
 
 PAGES = [str(path.relative_to(ROOT)) for path in tracked("*.md")]
@@ -62,3 +67,33 @@ def test_every_page_in_docs_is_in_the_index() -> None:
     pages = [path.relative_to(ROOT / "docs").as_posix() for path in tracked("docs/*.md") if path.name != "README.md"]
     assert pages
     assert [page for page in pages if f"({page}" not in index] == []
+
+
+def test_arena_page_tells_every_key_as_the_loader_reads_it() -> None:
+    assert arena_page.PAGE.read_text() == arena_page.page(), "run python -m tests.house.arena_page"
+    keys = {f.name for struct in arena_page.SECTIONS.values() for f in msgspec.structs.fields(struct)}
+    assert len(keys) > 40
+
+
+VERB_USE = re.compile(r"\b(ahdc-(?:onboard|drivers|mocap-bridge|groundstation))[ \t]+([a-z][a-z-]+)")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_of_the_rooms_exist(page: str) -> None:
+    """Every ``ahdc-ROOM VERB`` inside code of a page is a verb that the command knows."""
+    code = re.findall(r"```[a-z]*\n(.*?)```|`([^`\n]+)`", (ROOT / page).read_text(), re.DOTALL)
+    used = {match for pair in code for match in VERB_USE.findall("\n".join(pair))}
+    assert [use for use in sorted(used) if not knows(*use)] == []
+
+
+@functools.cache
+def knows(command: str, verb: str) -> bool:
+    module = command.removeprefix("ahdc-").replace("-", "_")
+    done = subprocess.run(
+        [sys.executable, "-m", module, verb, "--help"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return done.returncode == 0 and "usage" in done.stdout
+
+
+def test_an_unknown_verb_is_found() -> None:
+    assert not knows("ahdc-groundstation", "teleport")
