@@ -22,6 +22,16 @@ from drivers.ports import FramePort
 
 Node = Annotated[int, Meta(ge=0, le=codec.MAX_NODE, description="axis node id, axis.config.can.node_id")]
 
+Seconds = Annotated[
+    float,
+    Meta(
+        ge=0.0,
+        le=2.0,
+        description="axis.config.watchdog_timeout as set over USB with enable_watchdog = true; "
+        "0 accepts that a hung computer leaves the wheels turning",
+    ),
+]
+
 
 class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``wheels = { kind = "odrive", ... }``"""
@@ -37,15 +47,7 @@ class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     left: Node
     right: Node
     dialect: Annotated[Literal["0.5", "0.6"], Meta(description="firmware line")] = "0.6"
-    watchdog_s: Annotated[
-        float | None,
-        Meta(
-            ge=0.0,
-            le=2.0,
-            description="axis.config.watchdog_timeout as set over USB with enable_watchdog = true; "
-            "0 accepts that a hung computer leaves the wheels turning",
-        ),
-    ] = None
+    watchdog_s: Seconds | None = None
 
 
 WATCHDOG_TEXT = (
@@ -90,6 +92,8 @@ class Drive:
     IDENTIFY_S = 0.6
     """Six heartbeats at their default period."""
     ENABLE_S = 0.6
+    FEED_NS = 10_000_000
+    """Zeros during activation keep the shortest watchdog fed."""
     POLL_AFTER_NS = 60_000_000
     """Estimates are cyclic; one this late is asked for."""
     BUS_PERIOD_NS = 1_000_000_000
@@ -236,15 +240,15 @@ class Drive:
             raise self._lost(f"cannot send: {error}") from error
 
     def _await(self, done: Callable[[_Axis], bool], timeout_s: float, feed: bool = False) -> None:
-        deadline_ns = self._port.now_ns() + int(timeout_s * 1e9)
-        while not all(done(axis) for axis in self._axes):
-            left_s = (deadline_ns - self._port.now_ns()) * 1e-9
-            if left_s <= 0.0:
-                return
-            if feed:
+        now_ns = self._port.now_ns()
+        deadline_ns, feed_ns = now_ns + int(timeout_s * 1e9), now_ns
+        while now_ns < deadline_ns and not all(done(axis) for axis in self._axes):
+            if feed and now_ns >= feed_ns:
+                feed_ns = now_ns + self.FEED_NS
                 self._send([codec.set_input_vel(axis.node, 0.0) for axis in self._axes])
-            self._port.wait(min(left_s, 0.02))
+            self._port.wait(min((deadline_ns - now_ns) * 1e-9, self.FEED_NS * 1e-9))
             self._drain()
+            now_ns = self._port.now_ns()
 
     def _drain(self) -> None:
         try:
@@ -293,15 +297,17 @@ class Drive:
         return ""
 
     def _faults(self) -> tuple[str, ...]:
+        """In words. Firmware 0.5 lets the watchdog expire while idle, too: no fault before activation."""
         names: list[str] = []
         for axis in self._axes:
             beat = axis.heartbeat
             if beat is None:
                 continue
             flags = (beat.motor_fault, beat.encoder_fault, beat.controller_fault)
-            if not (beat.axis_error or self._active or any(flags)):
-                continue
-            names += [f"{axis.name} {name}" for name in codec.error_names(beat.axis_error, self.options.dialect)]
+            error = beat.axis_error
+            if not self._active:
+                error &= ~codec.WATCHDOG_BIT[self.options.dialect]
+            names += [f"{axis.name} {name}" for name in codec.error_names(error, self.options.dialect)]
             names += [
                 f"{axis.name} {part} fault"
                 for part, wrong in zip(("motor", "encoder", "controller"), flags, strict=True)
