@@ -47,7 +47,7 @@ def pips(kit: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What pip was asked to install, 'lock' or 'project', in order; no package is fetched."""
     asked: list[str] = []
 
-    def empty_environment() -> list[str]:
+    def empty_environment(_: int) -> list[str]:
         kit.VENV.joinpath("bin").mkdir(parents=True, exist_ok=True)
         kit.VENV.joinpath("bin", "python").write_text("")
         return ["pip"]
@@ -124,7 +124,7 @@ loader = importlib.machinery.SourceFileLoader("kit_under_test", script)
 kit = importlib.util.module_from_spec(importlib.util.spec_from_loader("kit_under_test", loader))
 loader.exec_module(kit)
 kit.ROOT = pathlib.Path(root); kit.VENV = kit.ROOT / ".venv"; kit.LOCK = kit.ROOT / "requirements.lock"
-def command():
+def command(_held):
     (kit.VENV / "bin").mkdir(parents=True)
     (kit.VENV / "bin" / "python").write_text("")
     return ["pip"]
@@ -215,7 +215,7 @@ def test_pip_is_taken_from_where_it_is(
 
     monkeypatch.setattr(kit, "has", has)
     monkeypatch.setattr(kit.subprocess, "run", lambda command, **_: ran.append(command))
-    command = kit.pip_command()
+    command = kit.pip_command(9)
     inside = str(kit.VENV / "bin" / "python")
     if wanted == "environment's pip":
         assert command == [inside, "-m", "pip"]

@@ -27,7 +27,7 @@ def helped(*words):
             code = end.code
     assert not code and "usage" in out.getvalue(), (words, code, out.getvalue())
     return out.getvalue()
-verbs = re.findall(r"^ {{4}}([a-z][a-z-]*)(?: {{2,}}|$)", helped(), re.MULTILINE)
+verbs = re.findall(r"^ {{2,4}}([a-z][a-z-]*)(?: {{2,}}|$)", helped(), re.MULTILINE)
 for verb in verbs:
     helped(verb)
 print(len(verbs))
