@@ -27,7 +27,7 @@ class Family(NamedTuple):
     summary: str
 
 
-FAMILIES = (
+FAMILIES: tuple[Family, ...] = (
     Family("odrive", "drivers.can.odrive", "drivers.mock.odrive", "channel", "ODrive CANSimple, firmware 0.5 and 0.6"),
     Family("roboclaw", "drivers.serial.roboclaw", "drivers.mock.roboclaw", "port", "RoboClaw packet serial"),
 )
