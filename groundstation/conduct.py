@@ -1,16 +1,28 @@
 """Runs a :class:`groundstation.session.Session` on the network, at the pace of its heartbeat."""
 
+import argparse
+import secrets
+import signal
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
-from contract.arena import Arena
+from contract.arena import Arena, load
 from contract.messages import TargetCloud
-from groundstation.link import Link
-from groundstation.session import Session
+from groundstation import current
+from groundstation.link import Link, LinkError
+from groundstation.session import Plan, Session
+from groundstation.targets import CloudError, cloud_of
 
 HEARTBEAT_NS = 50_000_000
 STATUS_NS = 100_000_000
 CLOUD_NS = 500_000_000
+
+
+def new_session(arena: Arena, cloud: TargetCloud, plan: Plan) -> Session:
+    """A session with a boot number never used before."""
+    return Session(arena, cloud, secrets.randbelow(1 << 48), plan, time.monotonic_ns())
 
 
 class Conductor:
@@ -54,3 +66,37 @@ class Conductor:
         late = now_ns - self._due[what] > period_ns
         self._due[what] = now_ns + period_ns if late else self._due[what] + period_ns
         return True
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
+    parser.add_argument("--mission", default="", metavar="NAME", help="name of the mission in the recording")
+
+
+def run(args: argparse.Namespace) -> int:
+    """``session``: be the station until SIGTERM; the operator's verbs arm, start, hold and release."""
+    arena = load(args.arena)
+    try:
+        cloud = cloud_of(arena, args.mission or arena.arena.name)
+    except CloudError as error:
+        print(error, file=sys.stderr)
+        return 2
+    going = [True]
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: going.clear())
+    try:
+        with Link(arena, "station") as link:
+            current.remember(args.arena)
+            conductor = Conductor(arena, new_session(arena, cloud, Plan()), cloud, link)
+            print("READY station", flush=True)
+            words = ""
+            while going:
+                conductor.turn()
+                session = conductor.session
+                if (now := f"{session.phase}: {session.detail}") != words:
+                    words = now
+                    print(words, flush=True)
+    except LinkError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0

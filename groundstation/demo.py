@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import secrets
 import signal
 import sys
 import time
@@ -13,9 +12,8 @@ from typing import NoReturn
 
 from contract.arena import Arena, ArenaError
 from contract.messages import TargetCloud
-from groundstation import rig
-from groundstation.conduct import Conductor
-from groundstation.connectivity import summary as connectivity
+from groundstation import current, rig
+from groundstation.conduct import Conductor, new_session
 from groundstation.link import Link, LinkError
 from groundstation.processes import ChildError
 from groundstation.session import ENDED, Plan, Session
@@ -30,7 +28,7 @@ PROGRESS_S = 2.0
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--headless", action="store_true", help="plain lines in place of the live table")
     parser.add_argument(
-        "--arena", default=DEFAULT_ARENA, metavar="FILE|NAME", help="arena file or example (%(default)s)"
+        "--arena", default=DEFAULT_ARENA, metavar="FILE|NAME", help="arena file or example's name (%(default)s)"
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the target cloud")
     parser.add_argument("--robots", type=int, metavar="N", help="number of robots")
@@ -66,12 +64,12 @@ def _interrupt(*_: object) -> NoReturn:
 def _mission(arena: Arena, cloud: TargetCloud, out: Path, args: argparse.Namespace) -> int:
     with rig.Rig(arena, out) as processes:
         began = time.monotonic()
+        current.remember(processes.config)
         processes.start()
         print(f"{len(arena.robots)} robots ready in {time.monotonic() - began:.1f} s; recording to {out}", flush=True)
         with Link(arena, "station") as link:
             plan = Plan(automatic=True, timeout_s=args.timeout, ready_timeout_s=READY_S)
-            boot = secrets.randbelow(1 << 48)
-            session = Session(arena, cloud, boot, plan, connectivity, time.monotonic_ns())
+            session = new_session(arena, cloud, plan)
             conductor = Conductor(arena, session, cloud, link)
             watch = _progress(session, conductor)
 
@@ -88,14 +86,15 @@ def _mission(arena: Arena, cloud: TargetCloud, out: Path, args: argparse.Namespa
 
 def _progress(session: Session, conductor: Conductor) -> Callable[[], None]:
     """Prints a line when something happens, and every two seconds."""
-    last = ["", 0.0]
+    last_words, last_s = "", 0.0
 
     def watch() -> None:
+        nonlocal last_words, last_s
         now = time.monotonic()
         words = f"{session.phase} {len(session.occupied)}"
-        if words == last[0] and now - float(last[1]) < PROGRESS_S:
+        if words == last_words and now - last_s < PROGRESS_S:
             return
-        last[:] = [words, now]
+        last_words, last_s = words, now
         status = session.status(time.monotonic_ns())
         print(
             f"{status.elapsed_s:6.1f} s  {status.phase:<9} {len(status.occupied):>3}/{status.targets} targets  "

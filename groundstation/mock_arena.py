@@ -3,6 +3,10 @@
 One epoll loop. Motors are integrated up to the moment somebody looks; frames leave at multiples of
 the period from the first, so the stream does not drift. What every emulated controller decoded goes
 to ``motor/<id>`` from a client session of this process's own.
+
+Faults. A file ``faults.txt`` beside the arena file is read again whenever it changes: one fault a line,
+``ROBOT KIND`` (:data:`drivers.mock.faults.FAULTS`) or ``udp corrupted`` (one bit of every datagram). A
+fault lasts until its line is gone.
 """
 
 import argparse
@@ -11,8 +15,10 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import cast
 
 from contract.arena import Arena, ArenaError, load
+from drivers.mock.faults import FAULTS, FaultKind
 from drivers.mock.host import EmulatedWheels
 from drivers.registry import wheel_faults
 from groundstation.link import Link, LinkError
@@ -21,12 +27,13 @@ from mocap_bridge.mock.server import EmulatedServer
 from mocap_bridge.mock.udp import ServerShell
 
 BATCH_NS = 50_000_000
+FAULTS_FILE = "faults.txt"
 
 
 class MockArena:
     """Emulated wheels, virtual bodies and the motion-capture server that streams them."""
 
-    def __init__(self, arena: Arena, link: Link) -> None:
+    def __init__(self, arena: Arena, link: Link, faults: Path) -> None:
         self._names = [name for name, robot in arena.robots.items() if "body" in robot.emulate]
         self._bodies = {name: arena.robots[name].body for name in self._names}
         self._wheels = EmulatedWheels(arena)
@@ -36,6 +43,9 @@ class MockArena:
         self._link = link
         self._running = True
         self._batch_due_ns = 0
+        self._faults_file = faults
+        self._faults_read: tuple[int, int] | None = None
+        self._faults: set[tuple[str, str]] = set()
 
     def open(self) -> None:
         """Create ptys and sockets.
@@ -75,6 +85,11 @@ class MockArena:
             if now_ns >= self._batch_due_ns:
                 self._batch_due_ns = now_ns + BATCH_NS
                 self._publish(now_ns)
+                self._read_faults()
+                fds = set(self._wheels.fds())
+                for number in fds - wheel_fds:
+                    poll.register(number, select.EPOLLIN)
+                wheel_fds = fds
         poll.close()
 
     def _wait_s(self) -> float:
@@ -87,9 +102,46 @@ class MockArena:
     def _poses(self) -> list[BodyState]:
         return [BodyState(self._bodies[name], *self._wheels.pose(name)) for name in self._names]
 
+    def _read_faults(self) -> None:
+        try:
+            found = self._faults_file.stat()
+        except FileNotFoundError:
+            return
+        seen = (found.st_mtime_ns, found.st_size)
+        if seen == self._faults_read:
+            return
+        self._faults_read = seen
+        wanted = set()
+        for line in self._faults_file.read_text(encoding="utf-8").splitlines():
+            words = line.split()
+            known = len(words) == 2 and words[1] in FAULTS and (words[0] == "udp" or words[0] in self._wheels.robots)
+            if known:
+                wanted.add((words[0], words[1]))
+            elif words:
+                print(f"{self._faults_file}: {line!r} is not ROBOT KIND; ignored", file=sys.stderr, flush=True)
+        for name, kind in self._faults - wanted:
+            self._set(name, cast(FaultKind, kind), False)
+        for name, kind in wanted - self._faults:
+            self._set(name, cast(FaultKind, kind), True)
+        self._faults = wanted
+
+    def _set(self, name: str, kind: FaultKind, on: bool) -> None:
+        if name == "udp":
+            if self._shell is not None and kind == "corrupted":
+                self._shell.damage = flip_bit if on else None
+        elif on:
+            self._wheels.fault(name, kind)
+        else:
+            self._wheels.repair(name, kind)
+
     def _publish(self, now_ns: int) -> None:
         for name in self._wheels.robots:
             self._link.publish(self._link.keys.motor(name), self._wheels.batch(name, now_ns), "motor")
+
+
+def flip_bit(data: bytes) -> bytes:
+    """The datagram with the lowest bit of its length field flipped: NatNet has no checksum to flip against."""
+    return data[:2] + bytes([data[2] ^ 1]) + data[3:]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -104,7 +156,7 @@ def run(args: argparse.Namespace) -> int:
         return 2
     try:
         with Link(arena, "mock-arena") as link:
-            mock = MockArena(arena, link)
+            mock = MockArena(arena, link, args.arena.parent / FAULTS_FILE)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: mock.end())
             try:

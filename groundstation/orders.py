@@ -9,23 +9,24 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from contract.arena import Arena, ArenaError, load
+from contract.arena import Arena, load
 from contract.messages import Message, OrderRequest, RobotReport, RunStatus, StopRequest
+from groundstation.current import recall
 from groundstation.link import Link, LinkError
 
 REPEAT_S = 0.05
 CONFIRM_S = 0.5
 ORDER_CONFIRM_S = 5.0
 
-ORDERS = {
-    "arm": ("arm", "enable the motors of every robot, at zero speed", "armed"),
-    "start": ("run", "let the armed robots move", "running"),
-    "hold": ("hold", "bring all robots to zero; `start` goes on", "holding"),
-    "release": ("disarm", "end a stop (or a fault): robots stay disarmed until armed again", "disarmed"),
+ORDERS: dict[str, tuple[Literal["arm", "run", "hold", "disarm"], str]] = {
+    "arm": ("arm", "armed"),
+    "start": ("run", "running"),
+    "hold": ("hold", "holding"),
+    "release": ("disarm", "disarmed"),
 }
-"""Verb -> (order, help, run state that confirms it)."""
+"""Verb -> (order, run state that confirms it)."""
 
 
 class Acknowledgement(NamedTuple):
@@ -67,24 +68,24 @@ def describe(acknowledgements: list[Acknowledgement]) -> tuple[list[str], bool]:
     return lines, not silent
 
 
-def configure_stop(parser: argparse.ArgumentParser) -> None:
-    _common(parser)
-    parser.add_argument("--wait", type=float, default=CONFIRM_S, metavar="S", help="wait this long for silent robots")
-
-
 def configure(parser: argparse.ArgumentParser) -> None:
-    _common(parser)
+    parser.add_argument("--arena", type=Path, metavar="FILE", help="arena file (the one of the session started last)")
+    wait_s = {"stop": CONFIRM_S, "status": 0.5}.get(parser.get_default("verb"), ORDER_CONFIRM_S)
+    parser.add_argument("--wait", type=float, default=wait_s, metavar="S", help="for silent robots (%(default)s s)")
 
 
-def _common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
-
-
-def run_stop(args: argparse.Namespace) -> int:
-    """``stop``: exit code 0 when every robot has confirmed, 1 naming the silent ones."""
-    arena = _load(args.arena)
-    if arena is None:
+def run(args: argparse.Namespace) -> int:
+    """Exit code 0 once every robot has obeyed; 1 naming those that have not."""
+    path = args.arena or recall()
+    if path is None:
+        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
         return 2
+    arena = load(path)
+    work = {"stop": _stop, "status": _status}.get(args.verb, _order)
+    return work(arena, args)
+
+
+def _stop(arena: Arena, args: argparse.Namespace) -> int:
     source = f"terminal {os.getpid()}"
     stop_id = time.time_ns() // 1_000_000
     try:
@@ -98,31 +99,27 @@ def run_stop(args: argparse.Namespace) -> int:
     return 0 if confirmed else 1
 
 
-def run(args: argparse.Namespace) -> int:
-    """``arm``, ``start``, ``hold``, ``release``: ask the session; 0 once every robot has obeyed."""
-    arena = _load(args.arena)
-    if arena is None:
-        return 2
-    order, _, state = ORDERS[args.verb]
+def _order(arena: Arena, args: argparse.Namespace) -> int:
+    order, state = ORDERS[args.verb]
     request = OrderRequest(
         stamp_ns=time.monotonic_ns(),
         source=f"terminal {os.getpid()}",
         number=time.time_ns() // 1_000_000,
-        order=order,  # type: ignore[arg-type]
+        order=order,
     )
     try:
         with Link(arena, f"order-{os.getpid()}", timeout_s=2.0) as link:
-            return _ask(arena, link, request, state)
+            return _ask(arena, link, request, state, args.wait)
     except LinkError as error:
         print(error, file=sys.stderr)
         return 1
 
 
-def _ask(arena: Arena, link: Link, request: OrderRequest, state: str) -> int:
+def _ask(arena: Arena, link: Link, request: OrderRequest, state: str, wait_s: float) -> int:
     link.subscribe([link.keys.status, *(link.keys.report(robot) for robot in arena.robots)])
     reports: dict[str, RobotReport] = {}
     status: RunStatus | None = None
-    deadline = time.monotonic() + ORDER_CONFIRM_S
+    deadline = time.monotonic() + wait_s
     due = time.monotonic()
     while time.monotonic() < deadline:
         if time.monotonic() >= due:
@@ -143,16 +140,8 @@ def _ask(arena: Arena, link: Link, request: OrderRequest, state: str) -> int:
     return 1
 
 
-def configure_status(parser: argparse.ArgumentParser) -> None:
-    _common(parser)
-    parser.add_argument("--wait", type=float, default=0.5, metavar="S", help="listen this long")
-
-
-def run_status(args: argparse.Namespace) -> int:
-    """``status``: one line a robot; exit code 1 if one is silent or at fault."""
-    arena = _load(args.arena)
-    if arena is None:
-        return 2
+def _status(arena: Arena, args: argparse.Namespace) -> int:
+    """One line a robot; exit code 1 if one is silent or at fault."""
     try:
         with Link(arena, f"status-{os.getpid()}", timeout_s=2.0) as link:
             reports, status = _listen(arena, link, args.wait)
@@ -189,11 +178,3 @@ def status_lines(arena: Arena, reports: dict[str, RobotReport], status: RunStatu
         report = reports.get(name)
         lines.append(f"{name}  silent" if report is None else f"{name}  {report.run}  {report.reason}".rstrip())
     return lines
-
-
-def _load(path: Path) -> Arena | None:
-    try:
-        return load(path)
-    except ArenaError as error:
-        print(error, file=sys.stderr)
-        return None

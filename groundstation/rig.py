@@ -19,7 +19,7 @@ from drivers.registry import wheel_faults
 from groundstation.processes import Child, Family
 
 ARENAS = Path(__file__).parent / "arenas"
-READY_S = 15.0
+READY_S = 40.0
 GRID_M = 0.4
 
 

@@ -9,7 +9,6 @@ new id. Whatever ends a mission, the heartbeat goes on: it is what keeps a STOP 
 """
 
 import math
-from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 from contract.arena import Arena, digest
@@ -26,15 +25,13 @@ from contract.messages import (
     StopRequest,
     TargetCloud,
 )
+from groundstation.connectivity import summary
 
 REPORT_FRESH_NS = 1_000_000_000
 ARM_TIMEOUT_NS = 5_000_000_000
 
 Phase = Literal["waiting", "ready", "armed", "running", "completed", "stopped", "failed"]
 ENDED: frozenset[Phase] = frozenset({"completed", "stopped", "failed"})
-
-Connectivity = Callable[[Sequence[tuple[float, float]], float], tuple[float, int]]
-"""(lambda 2, number of components) of the disk graph of some points with a radius."""
 
 
 class Plan(NamedTuple):
@@ -51,9 +48,7 @@ class Plan(NamedTuple):
 class Session:
     """The station's mind. Feed it what arrives and the time; it answers with what to publish."""
 
-    def __init__(
-        self, arena: Arena, cloud: TargetCloud, boot: int, plan: Plan, connectivity: Connectivity, now_ns: int
-    ) -> None:
+    def __init__(self, arena: Arena, cloud: TargetCloud, boot: int, plan: Plan, now_ns: int) -> None:
         self.phase: Phase = "waiting"
         self.detail = ""
         self.reports: dict[str, RobotReport] = {}
@@ -63,7 +58,6 @@ class Session:
         self._cloud = cloud
         self._boot = boot
         self._plan = plan
-        self._connectivity = connectivity
         self._hash = digest(arena)
         self._heard_ns: dict[str, int] = {}
         self._occupied: list[int] = []
@@ -222,12 +216,9 @@ class Session:
     def occupied(self) -> tuple[int, ...]:
         return tuple(self._occupied)
 
-    @property
-    def elapsed_s(self) -> float:
-        """Of the mission, at the newest heartbeat or status."""
-        return self._elapsed_s
-
-    _elapsed_s = 0.0
+    def elapsed_s(self, now_ns: int) -> float:
+        """Of the mission so far, or until it ended."""
+        return ((self._ended_ns or now_ns) - self._started_ns) / 1e9 if self._started_ns else 0.0
 
     def heartbeat(self, now_ns: int) -> StationHeartbeat:
         self._seq += 1
@@ -243,14 +234,12 @@ class Session:
         )
 
     def status(self, now_ns: int) -> RunStatus:
-        until_ns = self._ended_ns or now_ns
-        self._elapsed_s = (until_ns - self._started_ns) / 1e9 if self._started_ns else 0.0
         return RunStatus(
             stamp_ns=now_ns,
             mission=self._cloud.mission,
             phase=self.phase,
             detail=self.detail,
-            elapsed_s=round(self._elapsed_s, 3),
+            elapsed_s=round(self.elapsed_s(now_ns), 3),
             targets=len(self._cloud.targets),
             occupied=self.occupied,
             lambda2=round(self._lambda2, 6),
@@ -271,7 +260,7 @@ class Session:
 
     def _look(self, frame: MocapFrame) -> None:
         self._points = [(b.x_m, b.y_m) for b in frame.bodies if b.valid and b.robot in self._arena.robots]
-        self._lambda2, self._components = self._connectivity(self._points, self._arena.control.sensing_radius_m)
+        self._lambda2, self._components = summary(self._points, self._arena.control.sensing_radius_m)
         if self.phase == "running" and len(self._points) == len(self._arena.robots):
             self.min_lambda2 = min(self.min_lambda2, self._lambda2)
             self.split_frames += self._components > 1

@@ -2,7 +2,7 @@
 
 import socket
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from mocap_bridge.mock.bodies import BodyState
 from mocap_bridge.mock.server import EmulatedServer, Outgoing
@@ -19,6 +19,8 @@ class ServerShell:
     def __init__(self, server: EmulatedServer, address: str) -> None:
         mocap = server.settings.mocap
         self.server = server
+        self.damage: Callable[[bytes], bytes] | None = None
+        """What a faulty network does to every datagram that leaves."""
         self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -63,8 +65,9 @@ class ServerShell:
     def _send(self, datagrams: list[Outgoing]) -> None:
         for datagram in datagrams:
             sock = self._data if datagram.from_data_port else self._command
+            data = self.damage(datagram.data) if self.damage else datagram.data
             try:
-                sock.sendto(datagram.data, datagram.to)
+                sock.sendto(data, datagram.to)
             except OSError:
                 self.server.counters["send_failed"] += 1
 

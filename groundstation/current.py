@@ -1,0 +1,27 @@
+"""Which arena is running on this machine, so that ``stop`` needs no argument in a hurry."""
+
+import os
+from pathlib import Path
+
+
+def _note() -> Path:
+    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(state) / "ahdc" / "arena"
+
+
+def remember(config: Path) -> None:
+    """Note the arena file of the session that starts now; a home that cannot be written is no reason to fail."""
+    try:
+        _note().parent.mkdir(parents=True, exist_ok=True)
+        _note().write_text(str(config.resolve()), encoding="utf-8")
+    except OSError:
+        return
+
+
+def recall() -> Path | None:
+    """The arena file of the session started last, if it still exists."""
+    try:
+        config = Path(_note().read_text(encoding="utf-8").strip())
+    except OSError:
+        return None
+    return config if config.is_file() else None
