@@ -6,7 +6,17 @@ from collections.abc import Collection, Mapping, Set
 from onboard.ahdc.parameters import Vector
 
 Graph = Mapping[str, Collection[str]]
-"""Adjacency by id: what one robot knows of the links around it."""
+"""Adjacency by id, as heard: each robot names its links; a link named by one end is a link (eq. 2)."""
+
+
+def undirected(graph: Graph) -> dict[str, set[str]]:
+    """The graph with every link named at both ends: e_ij = e_ji."""
+    both: dict[str, set[str]] = {}
+    for first, ends in graph.items():
+        for second in ends:
+            both.setdefault(first, set()).add(second)
+            both.setdefault(second, set()).add(first)
+    return both
 
 
 def reachable(graph: Graph, start: str, without: Set[str]) -> set[str]:
@@ -26,9 +36,10 @@ def polygon_groups(own: str, links: Collection[str], graph: Graph) -> list[set[s
     Definition 3: two links of one group are sides of a polygon; definition 4: a group of one is a chain.
     """
     left, groups = set(links), []
+    both = undirected(graph)
     while left:
         start = min(left)
-        group = (reachable(graph, start, {own}) & left) | {start}
+        group = (reachable(both, start, {own}) & left) | {start}
         groups.append(group)
         left -= group
     return groups
