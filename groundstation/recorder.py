@@ -1,0 +1,209 @@
+"""``record``: everything the swarm says into ``DIR/run.mcap``, crash-safe to one second.
+
+A client session of its own with a deep queue; the main thread writes, and once a second closes the
+chunk and has the disk confirm it. SIGTERM finishes the file. A full disk is told beforehand and
+survived: what was written stays, what could not be written waits in memory and is counted when lost.
+"""
+
+import argparse
+import os
+import shutil
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from contract.arena import Arena, digest, load
+from contract.keys import Keys
+from contract.messages import LogEntry
+from groundstation.link import Link, LinkError
+from groundstation.provenance import files, software
+from groundstation.recording import CONFIG
+from groundstation.runwriter import RunWriter, Sink
+
+COMMIT_S = 1.0
+POLL_S = 0.05
+TELL_S = 5.0
+QUEUE = 200_000
+MAX_PENDING_BYTES = 64 << 20
+LOW_DISK_BYTES = 500 << 20
+LOW_DISK_S = 600.0
+NAME = "run.mcap"
+
+
+class Intake(Link):
+    """Everything on the site, as bytes with their time of arrival; full queues drop and count."""
+
+    dropped = 0
+
+    def __init__(self, arena: Arena, timeout_s: float = 10.0) -> None:
+        super().__init__(arena, "recorder", timeout_s)
+        self._arrived: deque[tuple[str, bytes, int]] = deque()
+
+    def _store(self, sample: Any) -> None:
+        if len(self._arrived) >= QUEUE:
+            self.dropped += 1
+        else:
+            self._arrived.append((str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns()))
+
+    def take(self) -> list[tuple[str, bytes, int]]:
+        """Key, payload and time of arrival of what has come since."""
+        return [self._arrived.popleft() for _ in range(len(self._arrived))]
+
+
+class Tape:
+    """One recording in progress: writes, commits, watches the disk."""
+
+    def __init__(self, path: Path, arena: Arena, config: bytes) -> None:
+        self.path = path
+        self.lost = 0
+        """Messages that came while the disk was full and memory, too."""
+        self.trouble = ""
+        self.arena = arena
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        self.sink = Sink(self._descriptor)
+        self.writer = RunWriter(self.sink, Keys(arena.arena.name))
+        now_ns = time.monotonic_ns()
+        self.began_ns = now_ns
+        self.writer.describe(
+            {"run": _about(arena, now_ns), "software": software()}, {CONFIG: config, **files()}, now_ns
+        )
+
+    def write(self, messages: list[tuple[str, bytes, int]]) -> None:
+        if self.sink.pending > MAX_PENDING_BYTES:
+            self.lost += len(messages)
+            return
+        for key, payload, log_ns in messages:
+            self.writer.write(key, payload, log_ns)
+
+    def commit(self) -> None:
+        """Have it on the disk, or remember why not."""
+        try:
+            self.writer.commit()
+            self.trouble = ""
+        except OSError as error:
+            self.trouble = f"cannot write {self.path}: {error.strerror}"
+
+    def close(self, dropped: int) -> None:
+        """Finish the file. What the disk refuses is in :attr:`trouble`."""
+        ended = {
+            "messages": self.writer.messages,
+            "unknown_keys": self.writer.unknown,
+            "undecodable": self.writer.undecodable,
+            "dropped": dropped,
+            "lost_disk_full": self.lost,
+        }
+        try:
+            self.writer.finish({"recorder": {name: str(value) for name, value in ended.items()}})
+        except OSError as error:
+            self.trouble = f"cannot finish {self.path}: {error.strerror}; `recover` makes it whole"
+        os.close(self._descriptor)
+
+    def health(self, dropped: int, now_ns: int) -> LogEntry:
+        """Size, rate and losses so far, and a warning while the disk fills up or fails."""
+        seconds = max(1e-3, (now_ns - self.began_ns) / 1e9)
+        rate = self.sink.size / seconds
+        free = shutil.disk_usage(self.path.parent).free
+        left_s = free / rate if rate else float("inf")
+        level: Literal["info", "warning", "error"] = "info"
+        text = f"{self.sink.size / 1e6:.1f} MB, {rate / 1e3:.0f} kB/s"
+        if self.trouble:
+            level, text = "error", f"{self.trouble}; make room, what comes meanwhile is kept in memory"
+        elif free < LOW_DISK_BYTES or left_s < LOW_DISK_S:
+            level, text = "warning", f"disk nearly full: {free / 1e6:.0f} MB left, {left_s / 60:.0f} min at this rate"
+        fields: dict[str, str | int | float | bool | None] = {
+            "bytes": self.sink.size,
+            "bytes_per_s": round(rate),
+            "messages": self.writer.messages,
+            "unknown_keys": self.writer.unknown,
+            "undecodable": self.writer.undecodable,
+            "dropped": dropped,
+            "lost": self.lost,
+            "disk_free_bytes": free,
+        }
+        return LogEntry(
+            stamp_ns=now_ns, level=level, source="recorder", event="recording", text=text[:400], fields=fields
+        )
+
+
+def _about(arena: Arena, now_ns: int) -> dict[str, str]:
+    return {
+        "run_id": f"{arena.arena.name}-{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.urandom(2).hex()}",
+        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "site_time_ns": str(now_ns),
+        "wall_minus_site_ns": str(time.time_ns() - time.monotonic_ns()),
+        "arena": arena.arena.name,
+        "arena_hash": digest(arena),
+        "profile": arena.control.profile,
+        "seed": str(arena.targets.seed),
+        "robots": " ".join(arena.robots),
+    }
+
+
+def set_aside(path: Path) -> None:
+    """Give an earlier recording of this name its time as a second name, so that none is overwritten."""
+    if path.exists():
+        stamp = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        path.rename(path.with_name(f"{path.stem}-until-{stamp:%Y%m%dT%H%M%S%f}{path.suffix}"))
+
+
+def record(tape: Tape, intake: Intake, going: Callable[[], bool]) -> None:
+    """Write until told to end, then what has still arrived."""
+    intake.subscribe([intake.keys.everything])
+    print("READY recorder", flush=True)
+    commit_due = tell_due = time.monotonic()
+    level = "info"
+    while going():
+        time.sleep(POLL_S)
+        tape.write(intake.take())
+        now = time.monotonic()
+        if now < commit_due:
+            continue
+        commit_due = now + COMMIT_S
+        tape.commit()
+        health = tape.health(intake.dropped, time.monotonic_ns())
+        if now >= tell_due or health.level != level:
+            tell_due = now + TELL_S
+            intake.publish(intake.keys.log("recorder"), health, "log")
+        if health.level != level:
+            print(health.text, file=sys.stderr, flush=True)
+            level = health.level
+    tape.write(intake.take())
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help=f"run folder; the recording is DIR/{NAME}"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    arena = load(args.arena)
+    going = [True]
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: going.clear())
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        set_aside(args.out / NAME)
+        tape = Tape(args.out / NAME, arena, args.arena.read_bytes())
+    except OSError as error:
+        print(f"{args.out}: {error.strerror}", file=sys.stderr)
+        return 1
+    intake = Intake(arena)
+    try:
+        with intake:
+            record(tape, intake, lambda: bool(going))
+    except LinkError as error:
+        print(error, file=sys.stderr)
+        return 1
+    finally:
+        tape.close(intake.dropped)
+    if tape.trouble:
+        print(tape.trouble, file=sys.stderr)
+        return 1
+    return 0
