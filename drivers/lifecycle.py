@@ -1,11 +1,26 @@
 """The driver's lifecycle as the agent's orders demand it: ready, active, failed. No I/O of its own."""
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from contract.messages import WheelFeedback
-from drivers.base import DiffDrive, DriverError, WheelSpeeds
+from drivers.base import DiffDrive, DriverError, LinkLost, WheelSpeeds
 
 REOPEN_NS = 250_000_000
+LOOK_NS = 50_000_000
+GARBLED_NS = 250_000_000
+LINE_ERRORS = (
+    "slcan_garbage",
+    "slcan_refused",
+    "error_frame",
+    "discarded_bytes",
+    "stray_bytes",
+    "bad_crc",
+    "bad_ack",
+    "no_reply",
+    "send_dropped",
+)
+"""Driver counters that say the line damages bytes; a foreign frame on a shared bus is none of them."""
 
 
 class Listener(Protocol):
@@ -16,6 +31,29 @@ class Listener(Protocol):
     def driver_active(self, active: bool, now_ns: int) -> None: ...
 
 
+class LineCheck:
+    """Tells a line that damages bytes all the time from one that did so once.
+
+    A text bus has no checksum: of two wheels' commands one may get through damaged lines for ever,
+    with feedback still coming. So damage in every look for ``GARBLED_NS`` is a fault of the link.
+    """
+
+    def __init__(self) -> None:
+        self._errors = 0
+        self._looked_ns = 0
+        self._clean_ns = 0
+
+    def garbled(self, counters: Mapping[str, int], now_ns: int) -> int:
+        """Errors so far if the line is not fit to drive on, else 0."""
+        if now_ns - self._looked_ns < LOOK_NS:
+            return 0
+        errors = sum(counters.get(name, 0) for name in LINE_ERRORS)
+        if errors == self._errors or now_ns - self._looked_ns > 4 * LOOK_NS:
+            self._clean_ns = now_ns
+        self._errors, self._looked_ns = errors, now_ns
+        return errors if now_ns - self._clean_ns > GARBLED_NS else 0
+
+
 class Wheels:
     """One robot's driver. A driver that failed is opened again only while its robot is disarmed."""
 
@@ -24,6 +62,7 @@ class Wheels:
         self.ready = False
         self.active = False
         self._listener = listener
+        self._line = LineCheck()
         self._retry_ns = 0
 
     def open(self, now_ns: int, again: bool = False) -> bool:
@@ -81,6 +120,10 @@ class Wheels:
             return
         try:
             sample = self.driver.read(now_ns)
+            if self.active and (errors := self._line.garbled(self.driver.counters, now_ns)):
+                raise LinkLost(
+                    "wheels", "bus", f"the line damages bytes ({errors} errors)", "Check cable and termination"
+                )
         except DriverError as error:
             self._fail(error, now_ns)
             return

@@ -79,7 +79,9 @@ class Running:
                 reports = "\n".join(
                     f"{name}: {report.run} {report.reason} {report.counters}" for name, report in self.reports.items()
                 )
-                pytest.fail(f"not within {patience_s:g} s: {what}\n{self.session.phase} {self.session.detail}\n{reports}")
+                pytest.fail(
+                    f"not within {patience_s:g} s: {what}\n{self.session.phase} {self.session.detail}\n{reports}"
+                )
             self.turn()
 
     @property
