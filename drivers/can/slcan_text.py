@@ -23,11 +23,16 @@ def encode(frame: CanFrame) -> bytes:
 
 
 class SlcanReader:
-    """Frames from what an adapter sends; refused lines are counted by name, never raised."""
+    """Frames from what an adapter sends; refused lines are counted by name, never raised.
+
+    Refusals before the first acknowledged or received frame are the handshake's (a channel closed
+    or opened twice) and not counted.
+    """
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         self._rest = b""
+        self._settled = False
 
     def feed(self, data: bytes) -> list[CanFrame]:
         *lines, rest = (self._rest + data).split(b"\r")
@@ -38,14 +43,19 @@ class SlcanReader:
         frames = []
         for line in lines:
             if b"\a" in line:
-                self.counters["slcan_refused"] += line.count(b"\a")
+                if self._settled:
+                    self.counters["slcan_refused"] += line.count(b"\a")
                 line = line.rpartition(b"\a")[2]
-            if not line or line in (b"z", b"Z"):
+            if not line:
+                continue
+            if line in (b"z", b"Z"):
+                self._settled = True
                 continue
             frame = parse(line)
             if frame is None:
                 self.counters["slcan_garbage"] += 1
             else:
+                self._settled = True
                 frames.append(frame)
         return frames
 
