@@ -58,9 +58,23 @@ class Track:
     """One robot's body: last believed pose, and what speaks against the present one."""
 
     __slots__ = (
-        "accepted_ns", "body", "candidate", "candidate_ns", "changed_ns", "consistent", "faults", "offset_rad",
-        "pose", "raw", "reason", "resets", "robot", "rotation", "since_ns",
-    )  # fmt: skip
+        "accepted_ns",
+        "body",
+        "candidate",
+        "candidate_ns",
+        "changed_ns",
+        "consistent",
+        "faults",
+        "offset_rad",
+        "place",
+        "pose",
+        "raw",
+        "reason",
+        "resets",
+        "robot",
+        "rotation",
+        "since_ns",
+    )
 
     def __init__(self, robot: str, body: str, offset_rad: float) -> None:
         self.robot = robot
@@ -68,6 +82,8 @@ class Track:
         self.offset_rad = offset_rad
         self.pose = Pose(0.0, 0.0, 0.0, 0.0, 1.0)
         """Last believed."""
+        self.place = self.pose
+        """Where its robot must be: the last believed pose, then whatever unbelieved body moves on from there."""
         self.rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
         self.accepted_ns = -1
         self.since_ns = 0
@@ -195,8 +211,25 @@ class Checker:
             if track.accepted_ns != usual_ns or track.accepted_ns < 0:
                 track.since_ns = now_ns
             track.pose, track.rotation = pose, rotation
+            track.place = pose
             track.accepted_ns, track.candidate = now_ns, None
+        if len(accepted) < len(seen):
+            self._follow_places(seen, now_ns)
         self._last_ns = now_ns
+
+    def _follow_places(self, seen: list[tuple[Pose, Body] | None], now_ns: int) -> None:
+        """Robots under a wrong name move on: their places move with them."""
+        doubted = [
+            (track, entry[0])
+            for track, entry in zip(self.tracks, seen, strict=True)
+            if entry is not None and track.accepted_ns != now_ns
+        ]
+        for track in self.tracks:
+            if track.accepted_ns == now_ns or track.accepted_ns < 0:
+                continue
+            near = [pose for other, pose in doubted if other is not track and _apart(pose, track.place) < SWAP_RADIUS_M]
+            if near:
+                track.place = min(near, key=lambda pose: _apart(pose, track.place))
 
     def _reacquire(
         self,
@@ -216,29 +249,29 @@ class Checker:
         track.consistent += 1
         if track.consistent < REACQUIRE_FRAMES:
             return "reacquiring"
-        if self._near_lost_place(track, seen, now_ns) or self._took_place(track, pose, seen, now_ns):
+        if self._near_lost_place(track, seen) or self._took_place(track, pose, seen, now_ns):
             return "swap_suspect"
         track.resets += 1
         return ""
 
-    def _near_lost_place(self, track: Track, seen: list[tuple[Pose, Body] | None], now_ns: int) -> bool:
-        """Whether a body that has not been followed all the while stands where this one was lost."""
+    def _near_lost_place(self, track: Track, seen: list[tuple[Pose, Body] | None]) -> bool:
+        """Whether a body that has not been followed all the while stands where this one must be."""
         for other, entry in zip(self.tracks, seen, strict=True):
             if other is track or entry is None:
                 continue
             followed = other.candidate is None and other.accepted_ns >= 0 and other.since_ns <= track.accepted_ns
-            if not followed and _apart(entry[0], track.pose) < SWAP_RADIUS_M:
+            if not followed and _apart(entry[0], track.place) < SWAP_RADIUS_M:
                 return True
         return False
 
     def _took_place(self, track: Track, pose: Pose, seen: list[tuple[Pose, Body] | None], now_ns: int) -> bool:
-        """Whether the body stands where another one was believed last that is not there itself."""
-        limit = min(SWAP_RADIUS_M, _apart(track.pose, pose))
+        """Whether the body stands where another one must be that is not there itself."""
+        limit = min(SWAP_RADIUS_M, _apart(track.place, pose))
         for other, entry in zip(self.tracks, seen, strict=True):
             if other is track or other.accepted_ns < 0 or now_ns - other.accepted_ns > FORGET_NS:
                 continue
-            away = _apart(pose, other.pose)
-            if away < limit and (entry is None or _apart(entry[0], other.pose) > away):
+            away = _apart(pose, other.place)
+            if away < limit and (entry is None or _apart(entry[0], other.place) > away):
                 return True
         return False
 
