@@ -11,7 +11,7 @@ FAULTS: dict[FaultKind, str] = {
     "wrong": "encoders count backwards",
     "delayed": "bytes arrive late",
     "dropped": "chunks of bytes are lost",
-    "corrupted": "one bit of a chunk is flipped",
+    "corrupted": "one bit in every 16 bytes is flipped, and at least one in every chunk",
     "bus-off": "the CAN bus carries no frames",
     "unplugged": "the port is gone from the computer",
     "hung": "controller firmware frozen: no bytes, no watchdog, motors keep their setpoint",
@@ -54,7 +54,8 @@ class Channel:
                 return
             if kind == "corrupted":
                 damaged = bytearray(data)
-                damaged[self._random.randrange(len(damaged))] ^= 1 << settings.bit
+                for start in range(0, len(damaged), 16):
+                    damaged[start + self._random.randrange(min(16, len(damaged) - start))] ^= 1 << settings.bit
                 data = bytes(damaged)
             else:
                 now_ns += int(settings.delay_s * 1e9)

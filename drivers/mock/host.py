@@ -48,7 +48,11 @@ class EmulatedRobot:
         self.body.roll(self.wheels.left.angle_rad, self.wheels.right.angle_rad)
 
     def _answer(self, data: bytes, now_ns: int) -> None:
-        self.port.write(self.line.carry("telemetry", data, now_ns))
+        telemetry = self.line.carry("telemetry", data, now_ns)
+        if self.wires:
+            self.wires[-1].deliver(telemetry)
+        else:
+            self.port.write(telemetry)
         self.roll()
 
 

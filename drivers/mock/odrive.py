@@ -125,17 +125,22 @@ class EmulatedOdrive:
         if self.hung:
             self._roll(now_ns)
             return []
+        self._expire(now_ns)
+        self._roll(now_ns)
+        return [frame for axis in self.axes for frame in axis.cyclic(now_ns)]
+
+    def _expire(self, now_ns: int) -> None:
+        """Let the watchdogs due by now release their motors, each at its own time."""
+        released_ns = None
         for axis in sorted(self.axes, key=lambda entry: entry.expiry_ns or 0):
             expiry_ns = axis.expiry_ns
             if expiry_ns is not None and expiry_ns <= now_ns:
                 self._roll(expiry_ns)
-                running = axis.state == 8
+                released_ns = expiry_ns if axis.state == 8 else released_ns
                 axis.disarm(WATCHDOG_ERROR[axis.dialect])
                 self.counters["watchdog_expired"] += 1
-                if running:
-                    self.log.both(expiry_ns, False, released=True)
-        self._roll(now_ns)
-        return [frame for axis in self.axes for frame in axis.cyclic(now_ns)]
+        if released_ns is not None:
+            self.log.both(released_ns, False, released=True)
 
     def next_due_ns(self) -> int | None:
         if self.hung:

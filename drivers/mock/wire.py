@@ -25,6 +25,8 @@ class WirePort:
     """:class:`drivers.ports.BytePort` straight into an emulated controller."""
 
     STEP_S = 0.001
+    CAPACITY = 4096
+    """Bytes a reader that does not drain may leave lying, as in a tty; the rest is lost."""
 
     def __init__(self, controller: EmulatedController, clock: VirtualClock, line: FaultyLine | None = None) -> None:
         self.name = "memory"
@@ -58,13 +60,17 @@ class WirePort:
         """Let the device catch up with the clock."""
         now_ns = self._clock.now_ns
         answer = self.controller.receive(self.line.carry("commands", b"", now_ns), now_ns)
-        self._received += self.line.carry("telemetry", answer, now_ns)
+        self.deliver(self.line.carry("telemetry", answer, now_ns))
+
+    def deliver(self, data: bytes) -> None:
+        """Bytes arrive from the device."""
+        self._received = (self._received + data)[: self.CAPACITY] if self.plugged else b""
 
     def send(self, data: bytes) -> bool:
         self._check()
         now_ns = self._clock.now_ns
         answer = self.controller.receive(self.line.carry("commands", data, now_ns), now_ns)
-        self._received += self.line.carry("telemetry", answer, now_ns)
+        self.deliver(self.line.carry("telemetry", answer, now_ns))
         return True
 
     def receive(self) -> bytes:

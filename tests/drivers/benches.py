@@ -23,7 +23,9 @@ COMMON = {"gear_ratio": 7.0, "right_inverted": True}
 ROBOT = "r06"
 
 
-def arena_of(kind: str, safety: dict[str, Any] | None = None, control: dict[str, Any] | None = None, **wheels: Any) -> Arena:
+def arena_of(
+    kind: str, safety: dict[str, Any] | None = None, control: dict[str, Any] | None = None, **wheels: Any
+) -> Arena:
     table = {
         "arena": {"name": "bench", "size_m": [40.0, 40.0]},
         "safety": safety or {},
@@ -70,8 +72,11 @@ class Bench:
     def start(self) -> None:
         self.drive.configure()
         self.drive.activate(self.now_ns)
+        self.run(0.1, (0.0, 0.0))
 
-    def run(self, seconds: float, speeds: tuple[float, float] | None = None, period_s: float = 0.008) -> WheelFeedback | None:
+    def run(
+        self, seconds: float, speeds: tuple[float, float] | None = None, period_s: float = 0.008
+    ) -> WheelFeedback | None:
         """Control steps for a while; without speeds the computer is silent. The last sample read."""
         newest = None
         for _ in range(round(seconds / period_s)):
@@ -119,7 +124,9 @@ def pump(host: EmulatedWheels, fd: int | None, timeout_s: float) -> None:
         now_ns = time.monotonic_ns()
         host.advance(now_ns)
         due_ns = min(host.next_due_ns() or end_ns, end_ns)
-        ready, _, _ = select.select([*host.fds(), *([fd] if fd is not None else [])], [], [], max(0, due_ns - now_ns) * 1e-9)
+        ready, _, _ = select.select(
+            [*host.fds(), *([fd] if fd is not None else [])], [], [], max(0, due_ns - now_ns) * 1e-9
+        )
         for entry in ready:
             if entry != fd:
                 host.on_readable(entry, time.monotonic_ns())

@@ -17,7 +17,9 @@ LIMITS = MotorLimits(lag_s=0.1, acceleration_radps2=60.0, coast_radps2=20.0)
     powered=st.booleans(),
     cuts=st.lists(st.floats(0.0, 0.3), min_size=1, max_size=8),
 )
-def test_the_result_does_not_depend_on_the_steps(command: float, start: float, powered: bool, cuts: list[float]) -> None:
+def test_the_result_does_not_depend_on_the_steps(
+    command: float, start: float, powered: bool, cuts: list[float]
+) -> None:
     motors = [Motor(LIMITS), Motor(LIMITS)]
     for motor in motors:
         motor.radps = start

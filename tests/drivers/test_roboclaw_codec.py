@@ -130,7 +130,9 @@ def test_status_version_and_battery() -> None:
     assert codec.decode_battery(b"\x00\x79") == 12.1
 
 
-@pytest.mark.parametrize(("baud", "busy_ms", "fits"), [(115200, 3.2, True), (38400, 9.6, False), (1_000_000, 0.37, True)])
+@pytest.mark.parametrize(
+    ("baud", "busy_ms", "fits"), [(115200, 3.2, True), (38400, 9.6, False), (1_000_000, 0.37, True)]
+)
 def test_pitfall_38400_baud_cannot_run_100_hz(baud: int, busy_ms: float, fits: bool) -> None:
     bandwidth = Bandwidth(CYCLE_BYTES, baud, 0.01)
     assert bandwidth.busy_s * 1e3 == pytest.approx(busy_ms, abs=0.05)

@@ -81,7 +81,9 @@ def test_any_bytes_are_survived_by_both_ends(data: bytes) -> None:
     hub.receive(hub.add_port(), data, 0)
 
 
-@pytest.mark.parametrize("line", [b"t80021122", b"t0019", b"t001211", b"t00121122FF", b"x", b"t0g12", b"T000001", b"r0011FF"])
+@pytest.mark.parametrize(
+    "line", [b"t80021122", b"t0019", b"t001211", b"t00121122FF", b"x", b"t0g12", b"T000001", b"r0011FF"]
+)
 def test_malformed_lines_are_refused_by_both_ends(line: bytes) -> None:
     reader, hub = SlcanReader(), Hub()
     assert reader.feed(line + b"\r") == []
