@@ -39,7 +39,7 @@ VERBS: dict[str, Verb] = {
     "session": Verb("groundstation.conduct", "conduct a mission: heartbeat, targets, completion", "Run"),
     "record": Verb("groundstation.recorder", "record everything the swarm says", "Judge"),
     "recover": Verb("groundstation.recover", "repair a recording that was cut off", "Judge"),
-    "metrics": Verb("groundstation.metrics_verb", "recompute metrics.json from a recording alone", "Judge"),
+    "metrics": Verb("groundstation.runfolder", "recompute metrics.json from a recording alone", "Judge"),
     "report": Verb("groundstation.report", "figures and a page to hand on, from a run's recording", "Judge"),
     "topics": Verb("groundstation.topics", "list every topic, its message and its quality of service", "Judge"),
 }

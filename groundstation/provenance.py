@@ -21,6 +21,10 @@ def _git(*arguments: str) -> str | None:
     return done.stdout
 
 
+def _is_checkout() -> bool:
+    return _git("ls-files", "--error-unmatch", "groundstation/provenance.py") is not None
+
+
 def software() -> dict[str, str]:
     """Versions by name; ``git_revision`` and ``git_dirty`` where it runs from a checkout."""
     found = {"python": platform.python_version(), "platform": platform.platform()}
@@ -29,7 +33,7 @@ def software() -> dict[str, str]:
             found[package] = version(package)
         except PackageNotFoundError:
             continue
-    if _git("ls-files", "--error-unmatch", "groundstation/provenance.py") is not None:
+    if _is_checkout():
         found["git_revision"] = (_git("rev-parse", "HEAD") or "").strip()
         found["git_dirty"] = "true" if (_git("status", "--porcelain", "--untracked-files=no") or "") else "false"
     return found
@@ -41,7 +45,7 @@ def files() -> dict[str, bytes]:
     lock = ROOT / "requirements.lock"
     if lock.is_file():
         found["requirements.lock"] = lock.read_bytes()
-    changes = (_git("diff", "HEAD") or "").encode()
+    changes = (_git("diff", "HEAD") or "").encode() if _is_checkout() else b""
     if changes:
         found["changes.diff"] = changes[:MAX_DIFF_BYTES]
     return found
