@@ -22,9 +22,11 @@ TERM_WAIT_S = 2.0
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def _die_with(parent: int) -> None:
+def _die_with(parent: int, niceness: int) -> None:
     """Runs in the child between fork and exec."""
     _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    with contextlib.suppress(OSError):
+        os.nice(niceness)
     if os.getppid() != parent:
         os._exit(1)
     signal.pthread_sigmask(signal.SIG_SETMASK, set())
@@ -35,9 +37,12 @@ class ChildError(RuntimeError):
 
 
 class Child:
-    """One process: its name, its command, and a log file with all it writes to stderr."""
+    """One process: its name, its command, and a log file with all it writes to stderr.
 
-    def __init__(self, name: str, module: str, arguments: list[str], log: Path) -> None:
+    :param niceness: added to this process's own; a negative one needs a privilege and is else left off.
+    """
+
+    def __init__(self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0) -> None:
         self.name = name
         self.log = log
         self.ready = False
@@ -52,7 +57,7 @@ class Child:
                 stderr=sink,
                 env=environment,
                 process_group=0,
-                preexec_fn=lambda: _die_with(parent),
+                preexec_fn=lambda: _die_with(parent, niceness),
             )
         assert self._process.stdout is not None
         self._stdout: IO[bytes] = self._process.stdout
@@ -109,8 +114,8 @@ class Family:
     def __exit__(self, *exception: object) -> None:
         self.end()
 
-    def start(self, name: str, module: str, arguments: list[str], log: Path) -> Child:
-        child = Child(name, module, arguments, log)
+    def start(self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0) -> Child:
+        child = Child(name, module, arguments, log, niceness)
         self.children.append(child)
         return child
 
