@@ -1,0 +1,130 @@
+"""Independent NatNet clients read the emulated server over loopback UDP."""
+
+import importlib.util
+import math
+import select
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from contract.arena import Mocap
+from mocap_bridge.mock.bodies import BodyState, ServerSettings
+from mocap_bridge.mock.server import EmulatedServer
+from mocap_bridge.mock.udp import ServerShell
+
+POSES = [BodyState("r06", 1.0, 2.0, 0.5), BodyState("r08", 2.5, 1.5, -1.0)]
+GROUP = "239.255.42.99"
+VERSIONS = ["2.9", "3.0", "3.1", "4.0", "4.1"]
+
+
+def free_ports(count: int) -> list[int]:
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    for sock in sockets:
+        sock.bind(("127.0.0.1", 0))
+    ports = [sock.getsockname()[1] for sock in sockets]
+    for sock in sockets:
+        sock.close()
+    return ports
+
+
+@contextmanager
+def serving(version: str, group: str = "", up_axis: str = "z") -> Iterator[Mocap]:
+    """An emulated server at 100 Hz on free ports, in a thread."""
+    command, data = free_ports(2)
+    mocap = Mocap(
+        version=version,
+        multicast_group=group,
+        command_port=command,
+        data_port=data,
+        up_axis=up_axis,  # type: ignore[arg-type]
+        frame_rate_hz=100.0,
+    )
+    shell = ServerShell(EmulatedServer(ServerSettings(mocap=mocap), ["r06", "r08"]), "127.0.0.1")
+    stop = threading.Event()
+
+    def serve() -> None:
+        while not stop.is_set():
+            for fd in select.select(shell.fds(), [], [], 0.002)[0]:
+                shell.on_readable(fd, time.monotonic_ns())
+            if time.monotonic_ns() >= shell.next_due_ns:
+                shell.stream(time.monotonic_ns(), POSES)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield mocap
+    finally:
+        stop.set()
+        thread.join()
+        shell.close()
+
+
+def poll_until(done: object, step: object, seconds: float = 8.0) -> None:
+    limit = time.monotonic() + seconds
+    while not done():  # type: ignore[operator]
+        assert time.monotonic() < limit, "the client saw nothing"
+        step()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("group", ["", GROUP], ids=["unicast", "multicast"])
+@pytest.mark.parametrize("version", VERSIONS)
+def test_natnet_package_reads_frames_and_models(version: str, group: str) -> None:
+    natnet = pytest.importorskip("natnet")
+    frames, models = [], []
+    with serving(version, group) as mocap:
+        client = natnet.NatNetClient(
+            "127.0.0.1", "127.0.0.1", GROUP, mocap.command_port, mocap.data_port, use_multicast=bool(group)
+        )
+        client.on_data_frame_received_event.handlers.append(frames.append)
+        client.on_data_description_received_event.handlers.append(models.append)
+        with client:
+            client.request_modeldef()
+            poll_until(lambda: len(frames) >= 5 and models, client.update_sync)
+    names = {body.id_num: body.name for body in models[0].rigid_bodies}
+    assert set(names.values()) == {"r06", "r08"}
+    for frame in frames[:5]:
+        seen = {names[body.id_num]: body for body in frame.rigid_bodies}
+        for pose in POSES:
+            assert math.dist(seen[pose.name].pos[:2], (pose.x_m, pose.y_m)) < 1e-3
+            assert seen[pose.name].tracking_valid
+            yaw = 2.0 * math.atan2(seen[pose.name].rot[2], seen[pose.name].rot[3])
+            assert abs(math.remainder(yaw - pose.heading_rad, math.tau)) < 1e-3
+        assert len(frame.labeled_markers) == 6
+    numbers = [frame.prefix.frame_number for frame in frames]
+    assert numbers == sorted(numbers)
+
+
+MOTIONCAPTURE = """
+import sys, motioncapture
+mc = motioncapture.connect("optitrack", {{"hostname": "127.0.0.1", "interface_ip": "127.0.0.1",
+                                        "port_command": "{port}"}})
+for _ in range(5):
+    mc.waitForNextFrame()
+for name, body in sorted(mc.rigidBodies.items()):
+    print(name, *body.position, body.rotation.z, body.rotation.w)
+"""
+
+
+@pytest.mark.skipif(importlib.util.find_spec("motioncapture") is None, reason="motioncapture has no wheel here")
+@pytest.mark.parametrize("version", VERSIONS[1:])
+def test_motioncapture_reads_multicast(version: str) -> None:
+    with serving(version, GROUP) as mocap:
+        done = subprocess.run(
+            [sys.executable, "-c", MOTIONCAPTURE.format(port=mocap.command_port)],
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=False,
+        )
+    lines = [line.split() for line in done.stdout.splitlines() if line[:1] == "r"]
+    assert [line[0] for line in lines] == ["r06", "r08"], done.stderr
+    for line, pose in zip(lines, POSES, strict=True):
+        x, y, _, qz, qw = map(float, line[1:])
+        assert math.dist((x, y), (pose.x_m, pose.y_m)) < 1e-3
+        assert abs(math.remainder(2.0 * math.atan2(qz, qw) - pose.heading_rad, math.tau)) < 1e-3
