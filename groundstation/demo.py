@@ -12,10 +12,12 @@ from typing import NoReturn
 
 from contract.arena import Arena, ArenaError
 from contract.messages import TargetCloud
-from groundstation import current, rig
+from groundstation import current, rig, runfolder
 from groundstation.conduct import Conductor, new_session
 from groundstation.link import Link, LinkError
+from groundstation.metrics import failures
 from groundstation.processes import ChildError
+from groundstation.recording import RecordingError
 from groundstation.session import ENDED, Plan, Session
 from groundstation.targets import CloudError, cloud_of
 
@@ -81,7 +83,7 @@ def _mission(arena: Arena, cloud: TargetCloud, out: Path, args: argparse.Namespa
             conductor.until(over, math.inf)
             conductor.until(lambda: session.at_rest, SETTLE_S)
     print(f"{session.phase}: {session.detail}")
-    return _judge(arena, session, out)
+    return _judge(out)
 
 
 def _progress(session: Session, conductor: Conductor) -> Callable[[], None]:
@@ -105,5 +107,27 @@ def _progress(session: Session, conductor: Conductor) -> Callable[[], None]:
     return watch
 
 
-def _judge(arena: Arena, session: Session, out: Path) -> int:
-    return 0 if session.phase == "completed" else 1
+def _judge(out: Path) -> int:
+    """Exit code from the recording alone; writes metrics, pictures and manifest beside it."""
+    try:
+        found = runfolder.read(out)
+    except RecordingError as error:
+        print(f"FAILED: {error}", file=sys.stderr)
+        return 1
+    runfolder.write_metrics(found)
+    reasons = failures(found.metrics)
+    if (metrics := found.metrics) is not None:
+        ratio = f", {metrics.ratio_to_lower_bound:.2f} x the lower bound" if metrics.ratio_to_lower_bound else ""
+        print(
+            f"{metrics.occupied}/{metrics.targets} targets in {metrics.mission_s:.1f} s{ratio}; "
+            f"min lambda2 {metrics.min_lambda2:.3f}; nearest {metrics.min_distance_m} m; "
+            f"pose to wheel {metrics.pose_to_wheel_ms.p50} ms (p99 {metrics.pose_to_wheel_ms.p99})"
+        )
+        rates = ", ".join(
+            f"{name} {loop.rate_hz:.1f} Hz ({loop.deadline_misses} missed)" for name, loop in metrics.loop.items()
+        )
+        print(f"loops: {rates}")
+    runfolder.write_manifest(found)
+    for reason in reasons:
+        print(f"FAILED: {reason}", file=sys.stderr)
+    return 1 if reasons else 0
