@@ -6,7 +6,8 @@ direction of its x axis seen from above.
 """
 
 import math
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from contract.arena import Mocap
 
@@ -14,7 +15,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-class Pose(NamedTuple):
+class Pose(Struct, frozen=True, gc=False):
     """A body in the arena frame; ``up`` is the cosine of its tilt."""
 
     x_m: float
@@ -46,15 +47,13 @@ class ArenaFrame:
             qy, qz = -qz, qy
         x -= self._ox
         y -= self._oy
-        norm = qx * qx + qy * qy + qz * qz + qw * qw
-        yaw = math.atan2(2.0 * (qx * qy + qz * qw), norm - 2.0 * (qy * qy + qz * qz))
-        return Pose(
-            self._cos * x + self._sin * y,
-            self._cos * y - self._sin * x,
-            z,
-            math.remainder(yaw - self._rotation + offset_rad, math.tau),
-            (norm - 2.0 * (qx * qx + qy * qy)) / norm,
-        )
+        xx, yy, zz = qx * qx, qy * qy, qz * qz
+        norm = xx + yy + zz + qw * qw
+        heading = math.atan2(2.0 * (qx * qy + qz * qw), norm - 2.0 * (yy + zz)) - self._rotation + offset_rad
+        if not -math.pi <= heading <= math.pi:
+            heading = math.remainder(heading, math.tau)
+        cosine, sine = self._cos, self._sin
+        return Pose(cosine * x + sine * y, cosine * y - sine * x, z, heading, 1.0 - 2.0 * (xx + yy) / norm)
 
     def source(
         self, x_m: float, y_m: float, heading_rad: float, z_m: float = 0.0, offset_rad: float = 0.0
