@@ -53,6 +53,15 @@ class SlcanBus(slcanBus):
         except BlockingIOError:
             return 0
 
+    def abandon(self) -> None:
+        """Close channel and port. ``shutdown`` would wait for an adapter that no longer drains."""
+        with contextlib.suppress(OSError):
+            self.raw_write(b"C\r")
+        can.BusABC.shutdown(self)
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self.serialPortOrig.fd, termios.TCIFLUSH)
+            self.serialPortOrig.close()
+
 
 class _CanPortBase:
     """What both kinds share: name, clock, waiting, counters."""
@@ -99,7 +108,7 @@ class SlcanPort(_CanPortBase):
             attributes[6][termios.VMIN] = 1
             termios.tcsetattr(bus.serialPortOrig.fd, termios.TCSANOW, attributes)
         except (OSError, termios.error) as error:
-            bus.shutdown()
+            bus.abandon()
             raise OSError(f"busy or not a tty: {error}") from error
         self._bus = bus
         self._reader = SlcanReader()
@@ -107,10 +116,7 @@ class SlcanPort(_CanPortBase):
     def close(self) -> None:
         bus, self._bus = self._bus, None
         if bus is not None:
-            with contextlib.suppress(can.CanError, OSError, termios.error):
-                bus.shutdown()
-            with contextlib.suppress(OSError):
-                bus.serialPortOrig.close()
+            bus.abandon()
 
     def fileno(self) -> int | None:
         return None if self._bus is None else self._bus.serialPortOrig.fd

@@ -29,7 +29,6 @@ def arena_of(
     table = {
         "arena": {"name": "bench", "size_m": [40.0, 40.0]},
         "safety": safety or {},
-        "control": control or {},
         "robots": {
             ROBOT: {
                 "body": "a",
@@ -78,7 +77,7 @@ class Bench:
         self, seconds: float, speeds: tuple[float, float] | None = None, period_s: float = 0.008
     ) -> WheelFeedback | None:
         """Control steps for a while; without speeds the computer is silent. The last sample read."""
-        newest = None
+        newest, period_s = None, 0.008
         for _ in range(round(seconds / period_s)):
             if speeds is not None:
                 self.drive.write(WheelSpeeds(*speeds), self.now_ns)
@@ -149,14 +148,15 @@ class PtyBench:
         self.drive = open_robot(self.arena, ROBOT, port=self.port)
 
     def step(self, left: float, right: float) -> WheelFeedback | None:
-        """One control step; waits, served by readiness, until telemetry arrived."""
-        self.drive.write(WheelSpeeds(left, right), time.monotonic_ns())
-        self.drive.poll(time.monotonic_ns())
-        for _ in range(400):
-            self.port.wait(0.005)
-            sample = self.drive.read(time.monotonic_ns())
-            if sample is not None:
-                return sample
+        """Control steps, waits served by readiness, until telemetry arrived; None after 40."""
+        for _ in range(40):
+            self.drive.write(WheelSpeeds(left, right), time.monotonic_ns())
+            self.drive.poll(time.monotonic_ns())
+            for _ in range(4):
+                self.port.wait(0.005)
+                sample = self.drive.read(time.monotonic_ns())
+                if sample is not None:
+                    return sample
         return None
 
     def counters(self) -> dict[str, int]:

@@ -372,7 +372,7 @@ def test_roboclaw_pitfall_38400_baud_is_refused_with_the_arithmetic() -> None:
 
 def test_roboclaw_watchdog_finer_than_the_device_counts_is_refused() -> None:
     bench = Bench("roboclaw", safety={"watchdog_s": 0.05})
-    with pytest.raises(Refused, match="counts in 0.1 s"):
+    with pytest.raises(Refused, match=r"counts in 0\.1 s"):
         bench.drive.configure()
 
 

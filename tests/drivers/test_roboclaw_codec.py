@@ -1,6 +1,7 @@
 """Golden bytes: RoboClaw User Manual rev 5.7, packet serial (pp. 58-62) and command tables (pp. 63-89)."""
 
 import struct
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -60,7 +61,7 @@ def test_replies_whole_byte_by_byte_and_with_trailing_junk() -> None:
 def test_replies_in_any_chunks(cuts: list[int]) -> None:
     replies = expecting(*COMMANDS)
     bounds = [0, *sorted(cuts), len(STREAM)]
-    taken = [r for a, b in zip(bounds, bounds[1:], strict=False) for r in replies.feed(STREAM[a:b], 1)]
+    taken = [r for a, b in pairwise(bounds) for r in replies.feed(STREAM[a:b], 1)]
     assert [entry.command for entry in taken] == list(COMMANDS)
     assert not replies.counters
 

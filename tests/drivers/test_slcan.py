@@ -1,5 +1,7 @@
 """LAWICEL text from both ends (LAWICEL CANUSB manual v1.0D): reader and hub share no parser."""
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,7 +43,7 @@ def test_frames_survive_the_hub_in_any_chunks(sent: list[CanFrame], cuts: list[i
     second.output.clear()
     data = b"".join(map(encode, sent))
     bounds = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
-    for a, b in zip(bounds, bounds[1:], strict=False):
+    for a, b in pairwise(bounds):
         hub.receive(first, data[a:b], 0)
     reader = SlcanReader()
     received = [frame for byte in bytes(second.output) for frame in reader.feed(bytes((byte,)))]
