@@ -139,13 +139,14 @@ def limit(
     direction = math.copysign(1.0, v_mps)
     arc = _Arc(v_mps, omega_radps, pose[2], wheels_mps, bounds)
     allowed, by = 1.0, ""
-    for bearing, gap, theirs, name in _obstacles(pose, neighbours, bounds):
-        towards = arc.towards(bearing)
+    for away, gap, theirs, name in _obstacles(pose, neighbours, bounds):
+        if (gap if name == "fence" else (gap - theirs) / 2) >= arc.most_m:
+            continue
+        towards = arc.towards(math.atan2(away[1], away[0]))
         if towards <= 0.0:
             continue
         share = gap if name == "fence" else (gap + towards * arc.committed_m - theirs) / 2
-        room = max(share, 0.0) / towards
-        fraction = arc.fraction(room)
+        fraction = arc.fraction(max(share, 0.0) / towards)
         if fraction < allowed:
             allowed, by = fraction, name
     if not by:
@@ -170,10 +171,10 @@ class _Arc:
         weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
         self.committed_m = sum(stop_m(speed, *weak) for speed in self._speeds) / 2
         self._heading = heading_rad if sign > 0 else heading_rad + math.pi
-        measured = (wheels_mps[1] - wheels_mps[0]) / (2 * half)
-        self._least_m, self._most_m = self._rolled(0.0), self._rolled(1.0)
-        self._left = self._turn(max(0.0, measured, omega_radps))
-        self._right = self._turn(max(0.0, -measured, -omega_radps))
+        self._turning = (wheels_mps[1] - wheels_mps[0]) / (2 * half), omega_radps
+        self.most_m = self._rolled(1.0)
+        """How far the command as asked, then braking, can get."""
+        self._turns: tuple[float, float] | None = None
 
     def _turn(self, rate_radps: float) -> float:
         """Angle turned at most: rate kept for the reaction time, then braked (rim: rate * b / 2)."""
@@ -183,16 +184,20 @@ class _Arc:
 
     def towards(self, bearing_rad: float) -> float:
         """Largest cosine between ``bearing_rad`` and any direction of travel on the way, 0 to 1."""
+        if self._turns is None:
+            measured, asked = self._turning
+            self._turns = self._turn(max(0.0, measured, asked)), self._turn(max(0.0, -measured, -asked))
+        left, right = self._turns
         off = math.remainder(bearing_rad - self._heading, math.tau)
-        if -self._right <= off <= self._left:
+        if -right <= off <= left:
             return 1.0
-        return max(0.0, math.cos(off - self._left), math.cos(off + self._right))
+        return max(0.0, math.cos(off - left), math.cos(off + right))
 
     def fraction(self, room_m: float) -> float:
         """Largest f in [0, 1] such that f times the command, then braking, rolls at most ``room_m``."""
-        if self._most_m <= room_m:
+        if self.most_m <= room_m:
             return 1.0
-        if self._least_m >= room_m:
+        if self._rolled(0.0) >= room_m:
             return 0.0
         low, high = 0.0, 1.0
         for _ in range(12):
@@ -212,24 +217,23 @@ def _obstacles(
     pose: tuple[float, float, float],
     neighbours: Sequence[Neighbour | tuple[float, float, float, float, float]],
     bounds: Bounds,
-) -> list[tuple[float, float, float, str]]:
-    """(bearing rad, gap m, its stopping distance towards us m, name) of everything to keep off."""
+) -> list[tuple[tuple[float, float], float, float, str]]:
+    """(direction, gap m, its stopping distance towards us m, name) of everything to keep off."""
     x, y = pose[0], pose[1]
     low_x, low_y, high_x, high_y = bounds.fence
     obstacles = [
-        (math.pi, x - low_x, 0.0, "fence"),
-        (-math.pi / 2, y - low_y, 0.0, "fence"),
-        (0.0, high_x - x, 0.0, "fence"),
-        (math.pi / 2, high_y - y, 0.0, "fence"),
+        ((-1.0, 0.0), x - low_x, 0.0, "fence"),
+        ((0.0, -1.0), y - low_y, 0.0, "fence"),
+        ((1.0, 0.0), high_x - x, 0.0, "fence"),
+        ((0.0, 1.0), high_y - y, 0.0, "fence"),
     ]
     weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
     for other_x, other_y, vx, vy, age_s in neighbours:
         away_x, away_y = other_x - x, other_y - y
         distance = math.hypot(away_x, away_y)
-        bearing = math.atan2(away_y, away_x)
         closing = max(0.0, -(vx * away_x + vy * away_y) / distance) if distance > 0 else math.hypot(vx, vy)
         age_s = min(max(age_s, 0.0), MAX_AGE_S)
         unseen = closing * age_s + bounds.deceleration_mps2[1] * age_s * age_s / 2
         gap = distance - bounds.min_distance_m - unseen
-        obstacles.append((bearing, gap, stop_m(closing, *weak), "separation"))
+        obstacles.append(((away_x, away_y), gap, stop_m(closing, *weak), "separation"))
     return obstacles
