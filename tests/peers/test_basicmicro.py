@@ -43,7 +43,7 @@ def test_watchdog_is_off_until_set_and_reads_back(peer: Basicmicro) -> None:
 def test_speed_commands_turn_the_motors_and_every_reading_agrees(peer: Basicmicro) -> None:
     assert peer.ResetEncoders(ADDRESS)
     assert peer.SpeedM1M2(ADDRESS, 3000, -2000)
-    for _ in range(2000):
+    for _ in range(20000):
         first, second = peer.ReadSpeedM1(ADDRESS), peer.ReadSpeedM2(ADDRESS)
         if abs(first[1] - 3000) < 5 and abs(second[1] - 2000) < 5:
             break
@@ -55,10 +55,10 @@ def test_speed_commands_turn_the_motors_and_every_reading_agrees(peer: Basicmicr
     assert speeds[1] == pytest.approx(3000, abs=5)
     assert peer.ReadEncM2(ADDRESS)[2] & 2
     assert peer.SpeedAccelM1M2(ADDRESS, 100_000, 0, 0)
-    for _ in range(2000):
-        if peer.ReadSpeedM1(ADDRESS)[1] == peer.ReadSpeedM2(ADDRESS)[1] == 0:
+    for _ in range(20000):
+        if max(peer.ReadSpeedM1(ADDRESS)[1], peer.ReadSpeedM2(ADDRESS)[1]) < 5:
             break
-    assert peer.ReadSpeedM1(ADDRESS)[1] == 0
+    assert peer.ReadSpeedM1(ADDRESS)[1] < 5
     assert peer.DutyM1M2(ADDRESS, 0, 0)
 
 
