@@ -3,7 +3,8 @@
     ./kit exec python bench/natnet_decode.py [--seconds S] [--json FILE]
 
 Frames a second at 1, 10 and 50 bodies, three labeled markers a body. Ours and ``natnet`` decode from
-memory; ``motioncapture`` (C++) can only be fed by UDP, one frame at a time over loopback, so ours and
+memory (``+ tuples``: every body as Python numbers); ``motioncapture`` (C++) can only be fed by UDP, one
+frame at a time over loopback, its bodies left in C++, so ours and
 bare sockets are timed the same way beside it. Blocks alternate: figures of one run compare, figures
 of different runs do not.
 """
@@ -140,7 +141,10 @@ def free_ports(count: int) -> list[int]:
 def figures(count: int, seconds: float) -> dict[str, float]:
     """One row of the table."""
     data = frame_of(count)
-    calls: dict[str, Callable[[], object]] = {"ours": lambda: decode_frame(data, LAYOUT)}
+    calls: dict[str, Callable[[], object]] = {
+        "ours": lambda: decode_frame(data, LAYOUT),
+        "ours + tuples": lambda: decode_frame(data, LAYOUT).bodies,
+    }
     if (natnet := natnet_decode(data)) is not None:
         calls["natnet"] = natnet
     calls["checks+json"] = checks_and_json(count)

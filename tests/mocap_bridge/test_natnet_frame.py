@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocap_bridge.natnet import version
-from mocap_bridge.natnet.frame import Frame, decode_frame
+from mocap_bridge.natnet.frame import Frame, _decode_sized, _decode_usual, decode_frame
 from mocap_bridge.natnet.frame_encode import Channels, Content, Marker, encode_frame
 from mocap_bridge.natnet.version import Version
 from mocap_bridge.natnet.wire import Malformed
@@ -41,7 +41,7 @@ GOLDEN_29 = (
     + bytes.fromhex("00000000 00000000 00000000")
     + bytes.fromhex("0000003e 01000000 02000000 000000000000f83f 0200 00000000")
 )
-FRAME = Frame(42, [BODY], 1.5, 10, 11, 12, (0, 0), 2, 0.0)
+FRAME = Frame(42, GOLDEN_BODY, 1.5, 10, 11, 12, (0, 0), 2, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,9 @@ FRAME = Frame(42, [BODY], 1.5, 10, 11, 12, (0, 0), 2, 0.0)
     ],
 )
 def test_golden_frames_decode(golden: bytes, version_of: tuple[int, int], expected: Frame) -> None:
-    assert decode_frame(golden, version.layout(Version(*version_of))) == expected
+    frame = decode_frame(golden, version.layout(Version(*version_of)))
+    assert frame == expected
+    assert frame.bodies == [BODY]
 
 
 def test_golden_frames_encode() -> None:
@@ -132,6 +134,23 @@ def test_round_trip_at_every_version(content: Content, name: Version) -> None:
     else:
         assert frame.latency_s == content.latency_s
     assert frame.precision == (content.precision if layout.sized else (0, 0))
+
+
+@given(content=contents, empty=st.booleans(), flips=st.lists(st.tuples(st.integers(0, 999), st.integers(0, 255))))
+def test_the_quick_way_and_the_general_one_agree(content: Content, empty: bool, flips: list[tuple[int, int]]) -> None:
+    if empty:
+        content = content._replace(unlabeled=(), skeletons=(), assets=(), force_plates=(), devices=())
+    data = bytearray(encode_frame(content, version.layout(Version(4, 1))))
+    assert not empty or _decode_usual(bytes(data)) is not None
+    for position, value in flips[:2]:
+        data[position % len(data)] = value
+    try:
+        quick = _decode_usual(bytes(data))
+    except struct.error:
+        return
+    if quick is not None:
+        general = _decode_sized(bytes(data))
+        assert repr(quick) == repr(general), "repr, since a NaN is not equal to itself"
 
 
 RICH = Content(
