@@ -73,15 +73,15 @@ class Mission(NamedTuple):
 class RobotTrack:
     """What one robot did."""
 
-    step_ns: array[int] = field(default_factory=lambda: array("q"))
-    write_ns: array[int] = field(default_factory=lambda: array("q"))
-    exposure_ns: array[int] = field(default_factory=lambda: array("q"))
+    step_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    write_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    exposure_ns: "array[int]" = field(default_factory=lambda: array("q"))
     links: list[Links] = field(default_factory=list)
     doing: list[Doing] = field(default_factory=list)
-    motor_ns: array[int] = field(default_factory=lambda: array("q"))
+    motor_ns: "array[int]" = field(default_factory=lambda: array("q"))
     """When the emulated motor controller had decoded each command."""
-    true_ns: array[int] = field(default_factory=lambda: array("q"))
-    true_xy_m: array[float] = field(default_factory=lambda: array("d"))
+    true_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    true_xy_m: "array[float]" = field(default_factory=lambda: array("d"))
     reports: list[RobotReport] = field(default_factory=list)
     """Only those that say something new about state, faults or counters, and the latest."""
 
