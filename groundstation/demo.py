@@ -18,6 +18,7 @@ from groundstation.link import Link, LinkError
 from groundstation.metrics import failures
 from groundstation.processes import ChildError
 from groundstation.recording import RecordingError
+from groundstation.report import write_report
 from groundstation.session import ENDED, Plan, Session
 from groundstation.targets import CloudError, cloud_of
 
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     except (ArenaError, CloudError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
-    signal.signal(signal.SIGTERM, _interrupt)
+    before = signal.signal(signal.SIGTERM, _interrupt)
     try:
         return _mission(arena, cloud, out, args)
     except KeyboardInterrupt:
@@ -57,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     except (ChildError, LinkError) as error:
         print(error, file=sys.stderr)
         return 1
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _interrupt(*_: object) -> NoReturn:
@@ -114,7 +117,6 @@ def _judge(out: Path) -> int:
     except RecordingError as error:
         print(f"FAILED: {error}", file=sys.stderr)
         return 1
-    runfolder.write_metrics(found)
     reasons = failures(found.metrics)
     if (metrics := found.metrics) is not None:
         ratio = f", {metrics.ratio_to_lower_bound:.2f} x the lower bound" if metrics.ratio_to_lower_bound else ""
@@ -127,7 +129,7 @@ def _judge(out: Path) -> int:
             f"{name} {loop.rate_hz:.1f} Hz ({loop.deadline_misses} missed)" for name, loop in metrics.loop.items()
         )
         print(f"loops: {rates}")
-    runfolder.write_manifest(found)
+        print(f"report: {write_report(found)}")
     for reason in reasons:
         print(f"FAILED: {reason}", file=sys.stderr)
     return 1 if reasons else 0
