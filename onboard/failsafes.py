@@ -12,7 +12,7 @@ from contract.arena import Safety
 CLOCK_TOLERANCE_NS = 20_000_000
 """A stamp may lie this far in the future before it is a fault: uncertainty of the site clock."""
 LOST_FACTOR = 4
-"""Station silence of this many ``heartbeat_timeout_s`` turns HOLD into STOP."""
+"""Silence of the station or the wheels for this many of its thresholds turns HOLD into STOP."""
 
 
 class Conditions(NamedTuple):
@@ -101,14 +101,14 @@ FAILSAFES: tuple[Failsafe, ...] = (
         lambda s: s.conditions.driver_fault,
     ),
     Failsafe(
-        "driver_silent",
+        "driver_lost",
         "no wheel feedback while the motors are enabled",
-        "safety.driver_silence_s",
+        f"{LOST_FACTOR} x safety.driver_silence_s",
         "fault",
-        _NEXT,
+        "already at zero by driver_silent",
         _RELEASE,
         "check the bus, its power and its termination",
-        lambda s: s.driver_quiet_s > s.safety.driver_silence_s,
+        lambda s: s.driver_quiet_s > LOST_FACTOR * s.safety.driver_silence_s,
         lambda s: _milliseconds(s.driver_quiet_s),
     ),
     Failsafe(
@@ -249,6 +249,17 @@ FAILSAFES: tuple[Failsafe, ...] = (
         "by itself when the driver is active",
         "",
         lambda s: not s.conditions.driver_active,
+    ),
+    Failsafe(
+        "driver_silent",
+        "no wheel feedback while the motors are enabled",
+        "safety.driver_silence_s",
+        "hold",
+        _NEXT,
+        "by itself with the next feedback",
+        "check the bus, its power and its termination",
+        lambda s: s.driver_quiet_s > s.safety.driver_silence_s,
+        lambda s: _milliseconds(s.driver_quiet_s),
     ),
     Failsafe(
         "loop_overrun",

@@ -224,6 +224,7 @@ def test_a_repeated_heartbeat_does_not_keep_a_robot_moving() -> None:
 # One change of the facts for each row, the boundary that still passes, and how it ends.
 ROWS = {
     "driver_fault": ({"driver_fault": "port gone"}, {"driver_fault": ""}),
+    "driver_lost": ({"feedback_stamp_ns": T0 - 1001 * MS}, {"feedback_stamp_ns": T0 - 250 * MS}),
     "driver_silent": ({"feedback_stamp_ns": T0 - 251 * MS}, {"feedback_stamp_ns": T0 - 250 * MS}),
     "duplicate_id": ({"duplicate_id": True}, {"duplicate_id": False}),
     "motion_mismatch": ({"motion_fault": "wheels turn, body still"}, {"motion_fault": ""}),
@@ -242,9 +243,9 @@ BY_TIME = {"station_silent", "station_lost", "station_mismatch"}
 
 
 def long_active(state: str) -> Bench:
-    """Motors enabled a second ago, all well at T0."""
+    """Motors enabled two seconds ago, all well at T0."""
     bench = Bench()
-    bench.now -= 1000 * MS
+    bench.now -= 2000 * MS
     bench.assess(driver_active=False)
     bench.assess()
     bench.now = T0
