@@ -48,6 +48,8 @@ class Mocap(Struct, frozen=True, forbid_unknown_fields=True):
     """``[mocap]``: where poses come from."""
 
     source: Literal["natnet", "replay", "qualisys", "external"] = "natnet"
+    recording: str = ""
+    """File to play back where ``source`` is "replay"."""
     server: str = "127.0.0.1"
     local_address: str = "127.0.0.1"
     """Address of this machine's interface towards the motion-capture network."""

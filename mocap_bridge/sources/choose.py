@@ -1,9 +1,12 @@
 """The source that the arena file asks for."""
 
+from pathlib import Path
+
 from contract.arena import Arena
 from mocap_bridge.natnet import version
 from mocap_bridge.sources.base import Source
-from mocap_bridge.sources.natnet import NatNetReceiver, NatNetSource
+from mocap_bridge.sources.natnet import NatNetSource
+from mocap_bridge.sources.natnet_receiver import NatNetReceiver
 
 
 class SourceError(ValueError):
@@ -13,11 +16,28 @@ class SourceError(ValueError):
 def open_source(arena: Arena) -> Source:
     """Open ``mocap.source``.
 
+    :raises SourceError: unknown version, no such interface, group, server name or recording.
+    """
+    source = arena.mocap.source
+    if source == "natnet":
+        return open_natnet(arena)
+    if source == "replay":
+        from mocap_bridge.sources.replay import ReplaySource
+        from mocap_bridge.sources.tape_file import TapeError
+
+        try:
+            return ReplaySource(arena, Path(arena.mocap.recording))
+        except TapeError as error:
+            raise SourceError(f"mocap.recording: {error}") from None
+    raise SourceError(f'mocap.source = "{source}": "natnet" and "replay" are built in yet')
+
+
+def open_natnet(arena: Arena) -> NatNetSource:
+    """A NatNet client of ``mocap.server``.
+
     :raises SourceError: unknown version, no such interface, group or server name.
     """
     mocap = arena.mocap
-    if mocap.source != "natnet":
-        raise SourceError(f'mocap.source = "{mocap.source}": only "natnet" is built in yet')
     try:
         receiver = NatNetReceiver("ahdc mocap bridge", version.parse(mocap.version), bool(mocap.multicast_group))
     except version.UnsupportedVersion as error:

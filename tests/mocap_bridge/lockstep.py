@@ -12,7 +12,9 @@ from mocap_bridge.mock.bodies import BodyState, settings_of
 from mocap_bridge.mock.server import EmulatedServer, Outgoing
 from mocap_bridge.natnet import version
 from mocap_bridge.pipeline import Pipeline
-from mocap_bridge.sources.natnet import NatNetReceiver
+from mocap_bridge.sources.base import SourceFrame
+from mocap_bridge.sources.natnet_receiver import NatNetReceiver
+from mocap_bridge.sources.tape import Entry
 
 START_NS = 5_000_000_000
 TICK_NS = 1_000_000
@@ -62,6 +64,8 @@ class Story:
         self.poses = poses or circling({name: robot.start for name, robot in self.arena.robots.items()})
         self.frames: list[MocapFrame] = []
         self.health: list[MocapHealth] = []
+        self.source_frames: list[SourceFrame] = []
+        self.tape: list[Entry] = []
         self.now_ns = START_NS
         self._streaming_since_ns: int | None = None
 
@@ -79,6 +83,7 @@ class Story:
     def _step(self) -> None:
         now_ns = self.now_ns
         for datagram in self.receiver.outbox(now_ns):
+            self.tape.append(Entry("sent", now_ns, datagram))
             self._deliver(self.server.receive(datagram, CLIENT, now_ns + WAY_NS), now_ns + 2 * WAY_NS)
         if self._streaming_since_ns is None and self.receiver.client.state == "streaming":
             self._streaming_since_ns = now_ns
@@ -91,8 +96,10 @@ class Story:
 
     def _deliver(self, datagrams: list[Outgoing], now_ns: int) -> None:
         for datagram in datagrams:
+            self.tape.append(Entry("received", now_ns, datagram.data))
             frame = self.receiver.receive(datagram.data, now_ns)
             if frame is not None:
+                self.source_frames.append(frame)
                 self.frames.append(self.pipeline.frame(frame, now_ns + 50_000))
 
     def reasons(self, robot: str) -> list[str]:
