@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from contract.arena import Arena, load
-from contract.messages import TargetCloud
+from contract.messages import Message, TargetCloud
 from groundstation import current
 from groundstation.link import Link, LinkError
 from groundstation.session import Plan, Session
@@ -32,6 +32,8 @@ class Conductor:
         self.session = session
         self._cloud = cloud
         self._link = link
+        self.listener: Callable[[Message, float], None] | None = None
+        """Also told every message, with the monotonic time in seconds."""
         self._due = {"heartbeat": 0, "targets": 0, "status": 0}
         keys = link.keys
         link.subscribe([keys.mocap_frame, keys.stop, keys.order])
@@ -41,6 +43,8 @@ class Conductor:
         """Take what has arrived, publish what is due, and wait at most until the next heartbeat."""
         for _, message in self._link.drain():
             self.session.receive(message, time.monotonic_ns())
+            if self.listener is not None:
+                self.listener(message, time.monotonic())
         now_ns = time.monotonic_ns()
         if self._take("heartbeat", HEARTBEAT_NS, now_ns):
             self.session.advance(now_ns)
@@ -48,7 +52,10 @@ class Conductor:
         if self._take("targets", CLOUD_NS, now_ns):
             self._link.publish(self._link.keys.targets, self._cloud, "targets")
         if self._take("status", STATUS_NS, now_ns):
-            self._link.publish(self._link.keys.status, self.session.status(now_ns), "status")
+            status = self.session.status(now_ns)
+            self._link.publish(self._link.keys.status, status, "status")
+            if self.listener is not None:
+                self.listener(status, time.monotonic())
         time.sleep(max(0.0, (min(self._due.values()) - time.monotonic_ns()) / 1e9))
 
     def until(self, done: Callable[[], bool], timeout_s: float) -> bool:

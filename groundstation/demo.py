@@ -5,7 +5,8 @@ import math
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NoReturn
@@ -19,13 +20,15 @@ from groundstation.metrics import failures
 from groundstation.processes import ChildError
 from groundstation.recording import RecordingError
 from groundstation.report import write_report
-from groundstation.session import ENDED, Plan, Session
+from groundstation.session import ENDED, Plan
 from groundstation.targets import CloudError, cloud_of
+from groundstation.watch import Watch, render
 
 DEFAULT_ARENA = "experiment2"
 READY_S = 20.0
 SETTLE_S = 3.0
 PROGRESS_S = 2.0
+REFRESH_S = 0.25
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -76,24 +79,47 @@ def _mission(arena: Arena, cloud: TargetCloud, out: Path, args: argparse.Namespa
             plan = Plan(automatic=True, timeout_s=args.timeout, ready_timeout_s=READY_S)
             session = new_session(arena, cloud, plan)
             conductor = Conductor(arena, session, cloud, link)
-            watch = _progress(session, conductor)
+            show = _lines if args.headless or not sys.stdout.isatty() else _table
+            with show(arena, conductor, link) as refresh:
 
-            def over() -> bool:
-                processes.family.check()
-                watch()
-                return session.phase in ENDED
+                def over() -> bool:
+                    processes.family.check()
+                    refresh()
+                    return session.phase in ENDED
 
-            conductor.until(over, math.inf)
-            conductor.until(lambda: session.at_rest, SETTLE_S)
+                conductor.until(over, math.inf)
+                conductor.until(lambda: session.at_rest, SETTLE_S)
     print(f"{session.phase}: {session.detail}")
     return _judge(out)
 
 
-def _progress(session: Session, conductor: Conductor) -> Callable[[], None]:
-    """Prints a line when something happens, and every two seconds."""
+@contextmanager
+def _table(arena: Arena, conductor: Conductor, link: Link) -> Iterator[Callable[[], None]]:
+    """The live table of ``watch``."""
+    from rich.live import Live
+
+    watch = Watch(arena)
+    conductor.listener = watch.receive
+    link.subscribe([link.keys.mocap_health, link.keys.log("recorder")])
+    due_s = 0.0
+    with Live(render(watch, time.monotonic()), auto_refresh=False) as live:
+
+        def refresh() -> None:
+            nonlocal due_s
+            if (now := time.monotonic()) >= due_s:
+                due_s = now + REFRESH_S
+                live.update(render(watch, now), refresh=True)
+
+        yield refresh
+
+
+@contextmanager
+def _lines(arena: Arena, conductor: Conductor, link: Link) -> Iterator[Callable[[], None]]:
+    """A line when something happens, and every two seconds."""
+    session = conductor.session
     last_words, last_s = "", 0.0
 
-    def watch() -> None:
+    def refresh() -> None:
         nonlocal last_words, last_s
         now = time.monotonic()
         words = f"{session.phase} {len(session.occupied)}"
@@ -107,7 +133,7 @@ def _progress(session: Session, conductor: Conductor) -> Callable[[], None]:
             flush=True,
         )
 
-    return watch
+    yield refresh
 
 
 def _judge(out: Path) -> int:
