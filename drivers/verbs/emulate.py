@@ -19,6 +19,7 @@ from drivers.registry import FAMILIES, family_of, read_options
 DEFAULTS: dict[str, dict[str, Any]] = {
     "odrive": {"interface": "slcan", "left": 0, "right": 1, "watchdog_s": 0.2},
     "roboclaw": {"counts_per_revolution": 2048},
+    "dynamixel": {"left": 1, "right": 2},
     "ros_arduino": {"counts_per_revolution": 2048, "watchdog_s": 2.0},
 }
 

@@ -18,6 +18,7 @@ from drivers.serial.port import SerialPort
 WHEELS: dict[str, dict[str, Any]] = {
     "odrive": {"channel": "/dev/null", "interface": "slcan", "left": 4, "right": 5, "watchdog_s": 0.2},
     "roboclaw": {"port": "/dev/null", "counts_per_revolution": 2048},
+    "dynamixel": {"port": "/dev/null", "left": 1, "right": 2},
     "ros_arduino": {"port": "/dev/null", "counts_per_revolution": 2048, "watchdog_s": 0.2},
 }
 COMMON = {"gear_ratio": 7.0, "right_inverted": True}

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from drivers.base import ControllerFault, LinkLost, Refused, WheelSpeeds
 from drivers.mock.faults import FAULTS, FaultSettings
 
-KINDS = ("odrive", "roboclaw", "ros_arduino")
-VOLTS = {"odrive": 24.0, "roboclaw": 12.0}
-SPEED_STEP = {"ros_arduino": 0.15}
+KINDS = ("odrive", "roboclaw", "ros_arduino", "dynamixel")
+VOLTS = {"odrive": 24.0, "roboclaw": 12.0, "dynamixel": 5.0}
+SPEED_STEP = {"ros_arduino": 0.15, "dynamixel": 0.02}
 """Resolution of the speed command and its feedback, rad/s."""
-REFUSALS = {"garbage_line", "bad_crc", "foreign_byte", "unknown_command", "gap", "invalid_command"}
+REFUSALS = {"garbage_line", "bad_crc", "foreign_byte", "unknown_command", "gap", "invalid_command", "garbage_byte"}
 RADIUS_M = 0.03
 COAST_MPS2 = 0.6
 

@@ -1,0 +1,247 @@
+"""Two emulated Dynamixel X-series servos on one line (ROBOTIS e-Manual, Protocol 2.0 and XL330 control table)."""
+
+import math
+import struct
+from binascii import unhexlify
+from collections import Counter
+
+from contract.messages import MotorSample
+from drivers.mock.controller import SampleLog, Wheels
+from drivers.mock.motor import Shaft
+from drivers.serial.dynamixel import Options
+
+MARK = unhexlify("fffffd00")
+RPM_PER_UNIT = 0.229
+NEVER_STUFFED = b"\xff\xff\xfd"
+
+
+def checksum(data: bytes) -> int:
+    """CRC-16 with polynomial 0x8005, bit by bit."""
+    value = 0
+    for byte in data:
+        value ^= byte << 8
+        for _ in range(8):
+            value = (value << 1) ^ 0x8005 if value & 0x8000 else value << 1
+            value &= 0xFFFF
+    return value
+
+
+class Servo:
+    """One servo's control table and motor."""
+
+    def __init__(self, name: str, device: int, shaft: Shaft, model: int = 1190) -> None:
+        self.name = name
+        self.device = device
+        self.shaft = shaft
+        self.table = bytearray(256)
+        self.table[0:2] = struct.pack("<H", model)
+        self.table[6] = 45
+        self.table[7] = device
+        self.table[9] = 250
+        self.table[11] = 3
+        self.table[68] = 2
+        self.fed_ns = 0
+        self.tripped = False
+
+    @property
+    def expiry_ns(self) -> int | None:
+        counts = self.table[98]
+        return None if self.tripped or not counts or not self.table[64] else self.fed_ns + counts * 20_000_000
+
+    def refresh(self) -> None:
+        """Bring the read-only registers up to date."""
+        speed = round(self.shaft.turns_per_s * 60.0 / RPM_PER_UNIT)
+        position = (math.floor(self.shaft.turns * 4096) + 2**31) % 2**32 - 2**31
+        self.table[128:136] = struct.pack("<ii", speed, position)
+        self.table[144:146] = struct.pack("<H", 50)
+        self.table[146] = 30
+        if self.tripped:
+            self.table[98] = 0xFF
+
+    def write(self, address: int, data: bytes) -> int:
+        """The error number of the status packet, 0 for accepted."""
+        if address + len(data) > 146 or 70 <= address < 72 or address >= 120:
+            return 7
+        if address < 64 and self.table[64]:
+            return 7
+        if address == 98 and len(data) == 1:
+            if data[0] > 127:
+                return 4
+            self.tripped = False
+        elif self.tripped and 100 <= address < 120:
+            return 4
+        self.table[address : address + len(data)] = data
+        self._act(address)
+        return 0
+
+    def _act(self, address: int) -> None:
+        if not self.table[64]:
+            self.shaft.wheel.release()
+        elif self.table[11] == 1 and (address in (64, 104)):
+            goal = struct.unpack("<i", self.table[104:108])[0]
+            self.shaft.drive(goal * RPM_PER_UNIT / 60.0)
+
+
+class EmulatedDynamixel:
+    """:class:`drivers.mock.controller.EmulatedController`."""
+
+    def __init__(self, options: Options, wheels: Wheels) -> None:
+        self.wheels = wheels
+        self.counters: Counter[str] = Counter()
+        self.hung = False
+        self.log = SampleLog(wheels)
+        gear = options.gear_ratio
+        self.servos = (
+            Servo("left", options.left, Shaft(wheels.left, gear, options.left_inverted)),
+            Servo("right", options.right, Shaft(wheels.right, gear, options.right_inverted)),
+        )
+        self._buffer = bytearray()
+        self._now_ns: int | None = None
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        self.advance(now_ns)
+        if self.hung:
+            return b""
+        self._buffer += data
+        output = b""
+        while (whole := self._cut()) is not None:
+            if whole:
+                output += self._obey(whole, now_ns)
+        return output
+
+    def advance(self, now_ns: int) -> bytes:
+        if self._now_ns is None:
+            self._now_ns = now_ns
+        released_ns = None
+        for servo in self.servos:
+            due_ns = servo.expiry_ns
+            if not self.hung and due_ns is not None and due_ns <= now_ns:
+                self._roll(due_ns)
+                servo.tripped = True
+                servo.shaft.wheel.release()
+                self.counters["watchdog_expired"] += 1
+                released_ns = due_ns
+        if released_ns is not None:
+            self.log.both(released_ns, False, released=True)
+        self._roll(now_ns)
+        return b""
+
+    def next_due_ns(self) -> int | None:
+        times = [servo.expiry_ns for servo in self.servos if servo.expiry_ns is not None and not self.hung]
+        return min(times, default=None)
+
+    def take_samples(self) -> list[MotorSample]:
+        return self.log.take()
+
+    def set_sensor_sign(self, sign: float) -> None:
+        for servo in self.servos:
+            servo.shaft.sensor_sign = sign
+
+    def _cut(self) -> bytes | None:
+        """The next whole packet; empty for a damaged one, None if more bytes are needed."""
+        start = self._buffer.find(MARK)
+        if start != 0:
+            skipped = start if start > 0 else max(0, len(self._buffer) - 3)
+            if skipped:
+                self.counters["garbage_byte"] += skipped
+                del self._buffer[:skipped]
+            if start < 0:
+                return None
+        if len(self._buffer) < 7:
+            return None
+        total = 7 + self._buffer[5] + 256 * self._buffer[6]
+        if total < 10 or total > 300:
+            self.counters["bad_length"] += 1
+            del self._buffer[:4]
+            return b""
+        if len(self._buffer) < total:
+            return None
+        whole = bytes(self._buffer[:total])
+        if checksum(whole[:-2]) != whole[-2] + 256 * whole[-1]:
+            self.counters["bad_crc"] += 1
+            del self._buffer[:4]
+            return b""
+        del self._buffer[:total]
+        return whole
+
+    def _obey(self, whole: bytes, now_ns: int) -> bytes:
+        device, instruction = whole[4], whole[7]
+        parameters = whole[8:-2].replace(NEVER_STUFFED + b"\xfd", NEVER_STUFFED)
+        for servo in self.servos:
+            servo.fed_ns = now_ns
+            servo.refresh()
+        addressed = [servo for servo in self.servos if device in (servo.device, 0xFE)]
+        if instruction == 0x83:
+            self._sync_write(parameters, now_ns)
+            return b""
+        if instruction == 0x82:
+            return self._sync_read(parameters)
+        output = b""
+        for servo in addressed:
+            output += self._single(servo, instruction, parameters, now_ns, answer=device != 0xFE or instruction == 1)
+        if not addressed:
+            self.counters["foreign_packet"] += 1
+        return output
+
+    def _single(self, servo: Servo, instruction: int, parameters: bytes, now_ns: int, answer: bool) -> bytes:
+        error, data = 0, b""
+        if instruction == 1:
+            data = bytes(servo.table[0:2]) + bytes(servo.table[6:7])
+        elif instruction == 2 and len(parameters) == 4:
+            address, length = struct.unpack("<HH", parameters)
+            error, data = (0, bytes(servo.table[address : address + length])) if address + length <= 256 else (4, b"")
+        elif instruction == 3 and len(parameters) > 2:
+            address = parameters[0] + 256 * parameters[1]
+            error = servo.write(address, parameters[2:])
+            if address == 104 and not error:
+                self.log.one(servo.name, now_ns, bool(servo.table[64]))
+        elif instruction == 8:
+            servo.table[70] = servo.table[64] = 0
+            servo.shaft.wheel.release()
+        else:
+            self.counters["unknown_instruction"] += 1
+            error = 2
+        return self._status(servo, error, data) if answer else b""
+
+    def _sync_read(self, parameters: bytes) -> bytes:
+        if len(parameters) < 5:
+            self.counters["short_packet"] += 1
+            return b""
+        address, length = struct.unpack("<HH", parameters[:4])
+        known = {servo.device: servo for servo in self.servos}
+        return b"".join(
+            self._status(known[device], 0, bytes(known[device].table[address : address + length]))
+            for device in parameters[4:]
+            if device in known
+        )
+
+    def _sync_write(self, parameters: bytes, now_ns: int) -> None:
+        if len(parameters) < 4:
+            self.counters["short_packet"] += 1
+            return
+        address, length = struct.unpack("<HH", parameters[:4])
+        known = {servo.device: servo for servo in self.servos}
+        for start in range(4, len(parameters) - length, length + 1):
+            servo = known.get(parameters[start])
+            if servo is None:
+                self.counters["foreign_packet"] += 1
+            elif servo.write(address, parameters[start + 1 : start + 1 + length]):
+                self.counters["refused_write"] += 1
+            elif address == 104:
+                self.log.one(servo.name, now_ns, bool(servo.table[64]))
+
+    def _status(self, servo: Servo, error: int, data: bytes) -> bytes:
+        alert = 0x80 if servo.table[70] else 0
+        body = (bytes((0x55, error | alert)) + data).replace(NEVER_STUFFED, NEVER_STUFFED + b"\xfd")
+        whole = MARK + bytes((servo.device,)) + struct.pack("<H", len(body) + 2) + body
+        return whole + struct.pack("<H", checksum(whole))
+
+    def _roll(self, now_ns: int) -> None:
+        if self._now_ns is not None and now_ns > self._now_ns:
+            self.wheels.advance((now_ns - self._now_ns) * 1e-9)
+            self._now_ns = now_ns
+
+
+def emulate(options: Options, wheels: Wheels) -> EmulatedDynamixel:
+    """The servos the options describe."""
+    return EmulatedDynamixel(options, wheels)

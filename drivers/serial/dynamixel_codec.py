@@ -1,0 +1,122 @@
+"""Dynamixel Protocol 2.0: pure encode, and a packet reader.
+
+Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (instruction and status packets, byte stuffing)
+and "CRC for Protocol 2.0". ``FF FF FD 00 id length16 instruction parameters crc16``,
+little-endian; length counts everything after itself; the CRC (poly 0x8005, start 0, not
+reflected) covers the whole packet. Within instruction and parameters FF FF FD becomes FF FF FD FD.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+HEADER = b"\xff\xff\xfd\x00"
+BROADCAST = 0xFE
+PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
+SYNC_READ, SYNC_WRITE = 0x82, 0x83
+MAX_LENGTH = 250
+ALERT = 0x80
+"""Bit of a status packet's error byte: look at the hardware error register."""
+ERROR_NAMES = {1: "result fail", 2: "instruction", 3: "crc", 4: "data range", 5: "data length", 6: "limit", 7: "access"}
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for index in range(256):
+        value = index << 8
+        for _ in range(8):
+            value = (value << 1) ^ (0x8005 if value & 0x8000 else 0)
+        table.append(value & 0xFFFF)
+    return tuple(table)
+
+
+_TABLE = _crc_table()
+
+
+def crc16(data: bytes) -> int:
+    value = 0
+    for byte in data:
+        value = (value << 8 & 0xFF00) ^ _TABLE[value >> 8 ^ byte]
+    return value
+
+
+def packet(device: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """An instruction packet, stuffed."""
+    body = (bytes((instruction,)) + parameters).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+    whole = HEADER + bytes((device,)) + struct.pack("<H", len(body) + 2) + body
+    return whole + struct.pack("<H", crc16(whole))
+
+
+def read(device: int, address: int, length: int) -> bytes:
+    return packet(device, READ, struct.pack("<HH", address, length))
+
+
+def write(device: int, address: int, data: bytes) -> bytes:
+    return packet(device, WRITE, struct.pack("<H", address) + data)
+
+
+def sync_read(devices: Sequence[int], address: int, length: int) -> bytes:
+    return packet(BROADCAST, SYNC_READ, struct.pack("<HH", address, length) + bytes(devices))
+
+
+def sync_write(address: int, length: int, values: Sequence[tuple[int, bytes]]) -> bytes:
+    """The same registers of several devices; not answered."""
+    parameters = b"".join(bytes((device,)) + data for device, data in values)
+    return packet(BROADCAST, SYNC_WRITE, struct.pack("<HH", address, length) + parameters)
+
+
+class Status(NamedTuple):
+    """A status packet: who, what went wrong, what was read."""
+
+    device: int
+    error: int
+    data: bytes
+
+
+class PacketReader:
+    """Status packets from the byte stream; it finds the next header after any damage.
+
+    Stuffed and (as some peers send them) unstuffed packets are both read.
+    """
+
+    def __init__(self) -> None:
+        self.counters: Counter[str] = Counter()
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> list[Status]:
+        self._buffer += data
+        packets: list[Status] = []
+        while True:
+            start = self._buffer.find(HEADER)
+            if start < 0:
+                kept = self._buffer[-3:]
+                tail = next((kept[i:] for i in range(len(kept)) if HEADER.startswith(kept[i:])), b"")
+                self._drop(len(self._buffer) - len(tail))
+                return packets
+            self._drop(start)
+            if len(self._buffer) < 7:
+                return packets
+            length = int.from_bytes(self._buffer[5:7], "little")
+            if not 4 <= length <= MAX_LENGTH:
+                self.counters["bad_length"] += 1
+                self._buffer = self._buffer[4:]
+                continue
+            if len(self._buffer) < 7 + length:
+                return packets
+            whole = self._buffer[: 7 + length]
+            if crc16(whole[:-2]) != int.from_bytes(whole[-2:], "little"):
+                self.counters["bad_crc"] += 1
+                self._buffer = self._buffer[4:]
+                continue
+            self._buffer = self._buffer[7 + length :]
+            if whole[7] == STATUS:
+                body = whole[9:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+                packets.append(Status(whole[4], whole[8], body))
+            else:
+                self.counters["not_status"] += 1
+
+    def _drop(self, count: int) -> None:
+        if count:
+            self.counters["stray_bytes"] += count
+            self._buffer = self._buffer[count:]

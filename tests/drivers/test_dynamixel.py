@@ -1,0 +1,153 @@
+"""Dynamixel: golden bytes from the ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", examples of each instruction."""
+
+import struct
+
+import pytest
+from benches import ROBOT, Bench
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.base import ControllerFault, LinkLost, Refused, WheelSpeeds
+from drivers.mock.dynamixel import checksum
+from drivers.serial import dynamixel_codec as codec
+
+PING_STATUS = bytes.fromhex("FFFFFD00 01 0700 55 00 0604 26 655D")
+
+
+@pytest.mark.parametrize(
+    ("packet", "golden"),
+    [
+        (codec.packet(1, codec.PING), "FFFFFD00 01 0300 01 194E"),
+        (codec.read(1, 132, 4), "FFFFFD00 01 0700 02 8400 0400 1D15"),
+        (codec.write(1, 116, struct.pack("<I", 512)), "FFFFFD00 01 0900 03 7400 00020000 CA89"),
+        (codec.sync_read((1, 2), 132, 4), "FFFFFD00 FE 0900 82 8400 0400 01 02 CEFA"),
+        (
+            codec.sync_write(116, 4, [(1, struct.pack("<I", 150)), (2, struct.pack("<I", 170))]),
+            "FFFFFD00 FE 1100 83 7400 0400 01 96000000 02 AA000000 8287",
+        ),
+    ],
+)
+def test_golden_packets(packet: bytes, golden: str) -> None:
+    assert packet == bytes.fromhex(golden)
+
+
+def test_golden_status() -> None:
+    reader = codec.PacketReader()
+    assert reader.feed(PING_STATUS) == [codec.Status(1, 0, b"\x06\x04\x26")]
+    assert not reader.counters
+
+
+@given(st.binary(max_size=60))
+def test_two_independent_checksums_agree(data: bytes) -> None:
+    assert codec.crc16(data) == checksum(data)
+
+
+@given(junk=st.binary(max_size=30), chunk=st.integers(1, 40))
+def test_status_in_any_chunks_behind_junk(junk: bytes, chunk: int) -> None:
+    reader = codec.PacketReader()
+    data = junk + PING_STATUS * 3 + b"\xff\xff"
+    packets = [p for start in range(0, len(data), chunk) for p in reader.feed(data[start : start + chunk])]
+    assert packets.count(codec.Status(1, 0, b"\x06\x04\x26")) >= 2
+
+
+@given(bit=st.integers(0, 8 * len(PING_STATUS) - 1))
+def test_one_flipped_bit_yields_no_packet(bit: int) -> None:
+    damaged = bytearray(PING_STATUS)
+    damaged[bit // 8] ^= 1 << bit % 8
+    reader = codec.PacketReader()
+    assert reader.feed(bytes(damaged) + bytes(300)) == []
+    assert sum(reader.counters.values()) > 0
+
+
+@given(st.lists(st.binary(max_size=80), max_size=6))
+def test_any_bytes_are_survived_by_both_ends(chunks: list[bytes]) -> None:
+    reader, bench = codec.PacketReader(), Bench("dynamixel")
+    bench.start()
+    for data in chunks:
+        reader.feed(data)
+        bench.device.receive(data, bench.now_ns)
+    assert bench.speeds() == (0.0, 0.0)
+
+
+@given(velocity=st.integers(-(2**31), 2**31 - 1), low=st.integers(0, 0xFFFFFF))
+def test_pitfall_stuffing_velocity_minus_one_before_a_position_ending_in_fd(velocity: int, low: int) -> None:
+    for data in (struct.pack("<iI", -1, low << 8 | 0xFD), struct.pack("<iI", velocity, low)):
+        body = b"\x55\x00" + data
+        stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+        whole = b"\xff\xff\xfd\x00\x01" + struct.pack("<H", len(stuffed) + 2) + stuffed
+        packet = whole + struct.pack("<H", checksum(whole))
+        assert codec.PacketReader().feed(packet) == [codec.Status(1, 0, data)]
+
+
+def test_pitfall_the_watchdog_is_off_by_default_and_is_set_in_20_ms_counts() -> None:
+    bench = Bench("dynamixel")
+    assert [servo.table[98] for servo in bench.device.servos] == [0, 0]
+    bench.drive.configure()
+    assert [servo.table[98] for servo in bench.device.servos] == [10, 10]
+
+
+def test_pitfall_a_tripped_watchdog_refuses_goals_until_activation_clears_it() -> None:
+    bench = Bench("dynamixel")
+    bench.start()
+    bench.run(0.5, (5.0, 5.0))
+    bench.run(0.5)
+    bench.run(0.5, (5.0, 5.0))
+    assert bench.speeds() == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert bench.device.counters["refused_write"] > 0
+    bench.drive.activate(bench.now_ns)
+    bench.run(1.5, (5.0, 5.0))
+    assert bench.speeds() == pytest.approx((5.0, 5.0), abs=0.02)
+
+
+def test_pitfall_the_default_57600_baud_is_refused_with_the_arithmetic() -> None:
+    with pytest.raises(Refused, match=r"78 bytes x 10 bits / 57600 baud = 13\.5 ms"):
+        Bench("dynamixel", baud=57600).drive.configure()
+
+
+def test_pitfall_mode_changes_only_with_torque_off() -> None:
+    bench = Bench("dynamixel")
+    servo = bench.device.servos[0]
+    servo.table[64] = 1
+    assert servo.write(11, b"\x01") == 7
+    bench.drive.configure()
+    assert servo.table[11] == 1
+
+
+def test_a_missing_servo_is_named() -> None:
+    bench = Bench("dynamixel")
+    bench.device.servos[1].device = 7
+    with pytest.raises(LinkLost, match="no answer from the right servo, id 2"):
+        bench.drive.configure()
+
+
+def test_a_hardware_error_is_reported_by_name_and_blocks_activation() -> None:
+    bench = Bench("dynamixel")
+    bench.start()
+    bench.run(0.1, (1.0, 1.0))
+    bench.device.servos[1].table[70] = 0x20
+    feedback = bench.run(0.1, (1.0, 1.0))
+    assert feedback is not None
+    assert feedback.faults == ("right overload",)
+    assert not feedback.enabled
+
+
+def test_a_servo_that_refuses_torque_is_a_controller_fault() -> None:
+    bench = Bench("dynamixel")
+    bench.drive.configure()
+    servo = bench.device.servos[1]
+    servo.table[70] = 0x04
+    write = servo.write
+    servo.write = lambda address, data: 7 if address == 64 else write(address, data)
+    with pytest.raises(ControllerFault, match="right torque does not switch on: right overheating"):
+        bench.drive.activate(bench.now_ns)
+
+
+def test_both_goals_leave_in_one_packet() -> None:
+    bench = Bench("dynamixel")
+    bench.start()
+    sent: list[bytes] = []
+    wire = bench.host.robots[ROBOT].wires[0]
+    send = wire.send
+    wire.send = lambda data: sent.append(data) or send(data)  # type: ignore[func-returns-value]
+    bench.drive.write(WheelSpeeds(1.0, 1.0), bench.now_ns)
+    assert [len(data) for data in sent] == [24]
