@@ -50,6 +50,12 @@ class Intake(Link):
         else:
             self._arrived.append((str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns()))
 
+    def listen(self) -> None:
+        """Subscribe to everything, and return once the router has answered a query sent after that."""
+        self.subscribe([self.keys.everything])
+        for _ in self._session.get(f"{self.keys.site}/recorder/listening", timeout=2.0):
+            pass
+
     def take(self) -> list[tuple[str, bytes, int]]:
         """Key, payload and time of arrival of what has come since."""
         return [self._arrived.popleft() for _ in range(len(self._arrived))]
@@ -153,7 +159,7 @@ def set_aside(path: Path) -> None:
 
 def record(tape: Tape, intake: Intake, going: Callable[[], bool]) -> None:
     """Write until told to end, then what has still arrived."""
-    intake.subscribe([intake.keys.everything])
+    intake.listen()
     print("READY recorder", flush=True)
     commit_due = tell_due = time.monotonic()
     level = "info"

@@ -10,6 +10,8 @@ from groundstation.measures import enforced, within
 
 APART_S = 0.4
 """Pictures are at least this far apart."""
+SETTLED_NS = 1_000_000_000
+"""Links that go sooner after the start are those of robots lined up too close."""
 
 
 class Scene(NamedTuple):
@@ -135,17 +137,15 @@ class Film:
     def _removal(self) -> tuple[int, int, frozenset[Edge]]:
         """Frames around the moment in which most links go within half a second, and those links."""
         best: tuple[int, int, frozenset[Edge]] = (0, 0, frozenset())
-        inside = [
-            (stamp_ns, graph)
-            for stamp_ns, graph in zip(self._changes, self._graphs, strict=True)
-            if stamp_ns > self.mission.start_ns + 10**9
-        ]
-        for k, (stamp_ns, graph) in enumerate(inside[:-1]):
-            until_ns = stamp_ns + round(APART_S * 1.25e9)
-            later = [g for s, g in inside[k:] if s <= until_ns][-1]
-            gone = graph - later
+        for k in range(1, len(self._changes)):
+            change_ns = self._changes[k]
+            if change_ns <= self.mission.start_ns + SETTLED_NS:
+                continue
+            until_ns = change_ns + round(APART_S * 1e9)
+            last = int(np.searchsorted(self._changes, until_ns, side="right")) - 1
+            gone = self._graphs[k - 1] - self._graphs[last]
             if len(gone) > len(best[2]):
-                best = (self.row(stamp_ns), self.row(until_ns), gone)
+                best = (max(0, self.row(change_ns) - 1), self.row(until_ns), gone)
         return best
 
 

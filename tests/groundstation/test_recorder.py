@@ -1,0 +1,142 @@
+"""The recorder as a process: killed, ended, started again."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from contract import network
+from contract.arena import Arena, parse, table_of
+from contract.codec import encode
+from contract.keys import Keys
+from contract.messages import RunStatus
+from groundstation.recorder import COMMIT_S
+from groundstation.recording import Recording, RecordingError
+from groundstation.recover import recover
+from groundstation.rig import free_ports, write_config
+from tests.groundstation.runs import arena_of, until
+
+KEYS = Keys("made")
+
+
+@pytest.fixture
+def arena(tmp_path: Path) -> Arena:
+    table = table_of(arena_of())
+    table["link"] = {"router": f"tcp/127.0.0.1:{free_ports()[0]}"}
+    made = parse(table, "test")
+    write_config(made, tmp_path / "config.toml")
+    return made
+
+
+@pytest.fixture
+def router(arena: Arena) -> Iterator[Any]:
+    config = zenoh.Config()
+    for key, value in network.router_config(arena.link.router):
+        config.insert_json5(key, value)
+    with zenoh.open(config) as session:
+        yield session
+
+
+@contextmanager
+def recorder(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A recorder that has said READY; killed on leaving."""
+    command = [
+        sys.executable,
+        "-m",
+        "groundstation",
+        "record",
+        "--arena",
+        str(folder / "config.toml"),
+        "--out",
+        str(folder),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"READY recorder\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def say(session: Any, first: int, last: int) -> None:
+    for number in range(first, last):
+        session.put(KEYS.status, encode(RunStatus(stamp_ns=number, phase="running")))
+
+
+def stamps(path: Path) -> list[int]:
+    with suppress(RecordingError):
+        return [m.message.stamp_ns for m in Recording(path).messages() if isinstance(m.message, RunStatus)]
+    return []
+
+
+def test_killed_it_leaves_all_but_the_last_second(arena: Arena, router: Any, tmp_path: Path) -> None:
+    assert COMMIT_S <= 1.0
+    path = tmp_path / "run.mcap"
+    with recorder(tmp_path) as process:
+        say(router, 0, 300)
+        until(lambda: stamps(path) == list(range(300)), "300 messages on the disk while the recorder runs")
+        say(router, 300, 310)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert not Recording(path).whole
+    found = recover(path, tmp_path / "whole.mcap")
+    assert found.messages >= 300
+    assert stamps(tmp_path / "whole.mcap")[:300] == list(range(300))
+    recovered = Recording(tmp_path / "whole.mcap")
+    assert recovered.whole
+    assert recovered.arena() == arena
+    assert recovered.metadata["run"]["arena"] == "made"
+
+
+def test_terminated_it_finishes_the_file(arena: Arena, router: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with recorder(tmp_path) as process:
+        say(router, 0, 5)
+        router.put("made/no/key/of/ours", b"?")
+        router.put(KEYS.status, b"not JSON")
+        until(lambda: len(stamps(path)) == 5, "5 messages on the disk")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 0
+    ended = Recording(path)
+    assert ended.whole
+    assert ended.metadata["recorder"]["unknown_keys"] == "1"
+    assert ended.metadata["recorder"]["undecodable"] == "1"
+    assert ended.metadata["recorder"]["dropped"] == "0"
+
+
+def test_started_again_it_keeps_the_earlier_recording(arena: Arena, router: Any, tmp_path: Path) -> None:
+    for first in (0, 100):
+        with recorder(tmp_path) as process:
+            say(router, first, first + 3)
+            until(lambda: len(stamps(tmp_path / "run.mcap")) == 3, "3 messages on the disk")
+            process.send_signal(signal.SIGTERM)
+            assert process.wait() == 0
+    earlier = list(tmp_path.glob("run-until-*.mcap"))
+    assert [stamps(path) for path in earlier] == [[0, 1, 2]]
+    assert stamps(tmp_path / "run.mcap") == [100, 101, 102]
+
+
+def test_it_reports_size_and_rate(arena: Arena, router: Any, tmp_path: Path) -> None:
+    subscriber = router.declare_subscriber(KEYS.log("recorder"), zenoh.handlers.FifoChannel(16))
+    with recorder(tmp_path):
+        sample = subscriber.recv()
+    text = sample.payload.to_bytes()
+    assert b"bytes_per_s" in text
+    assert b"disk_free_bytes" in text
+
+
+def test_an_unwritable_folder_is_told(arena: Arena, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    command = [sys.executable, "-m", "groundstation", "record", "--arena", str(tmp_path / "config.toml")]
+    done = subprocess.run([*command, "--out", str(tmp_path / "file")], capture_output=True, text=True, env=os.environ)
+    assert done.returncode == 1
+    assert "file" in done.stderr
+    assert "Traceback" not in done.stderr
