@@ -5,8 +5,8 @@ the period from the first, so the stream does not drift. What every emulated con
 to ``motor/<id>`` from a client session of this process's own.
 
 Faults. A file ``faults.txt`` beside the arena file is read again whenever it changes: one fault a line,
-``ROBOT KIND`` (:data:`drivers.mock.faults.FAULTS`) or ``udp corrupted`` (one bit of every datagram). A
-fault lasts until its line is gone.
+``ROBOT KIND`` (:data:`drivers.mock.faults.FAULTS`), ``udp corrupted`` (one bit of every datagram) or
+``udp dropped`` (every frame). A fault lasts until its line is gone.
 """
 
 import argparse
@@ -81,7 +81,10 @@ class MockArena:
             now_ns = time.monotonic_ns()
             self._wheels.advance(now_ns)
             if now_ns >= self._server.next_due_ns:
-                shell.stream(now_ns, self._poses())
+                if ("udp", "dropped") in self._faults:
+                    self._server.stream(now_ns, self._poses())
+                else:
+                    shell.stream(now_ns, self._poses())
             if now_ns >= self._batch_due_ns:
                 self._batch_due_ns = now_ns + BATCH_NS
                 self._publish(now_ns)

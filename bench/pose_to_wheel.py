@@ -1,0 +1,192 @@
+"""Datagram sent to wheel bytes decoded: the whole chain against the bare one, in alternating blocks of one run.
+
+Both chains stand beside each other, the same number of processes and hops each; only one is driven at a time.
+Machine noise falls on both, so the ratio of neighbouring blocks is the figure to trust, not the milliseconds.
+
+    python bench/pose_to_wheel.py --robots 6 --blocks 12 --json FILE
+"""
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from bisect import bisect_left
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from contract.messages import Message, MocapFrame, MotorBatch, StepBatch
+from groundstation import rig
+from groundstation.conduct import Conductor, new_session
+from groundstation.link import Link
+from groundstation.mock_arena import FAULTS_FILE
+from groundstation.session import Plan
+from groundstation.targets import cloud_of
+
+BLOCK_S = 1.0
+SETTLE_S = 0.4
+BARE = Path(__file__).with_name("bare_chain.py")
+
+
+class Full:
+    """Latencies of the whole chain, from what the swarm says."""
+
+    def __init__(self) -> None:
+        self._sent: dict[int, int] = {}
+        self._steps: list[tuple[str, int, int]] = []
+        self._decoded: dict[str, list[int]] = {}
+
+    def receive(self, message: Message) -> None:
+        if isinstance(message, MocapFrame):
+            self._sent[message.frame] = message.transmit_ns
+        elif isinstance(message, StepBatch):
+            self._steps += [(step.robot, step.frame, step.step_ns) for step in message.steps]
+        elif isinstance(message, MotorBatch):
+            self._decoded.setdefault(message.robot, []).extend(sample.stamp_ns for sample in message.samples)
+
+    def latencies(self, first_ns: int, last_ns: int) -> list[int]:
+        """Of the frames sent within the block."""
+        found = []
+        for robot, frame, step_ns in self._steps:
+            sent_ns = self._sent.get(frame, 0)
+            decoded = self._decoded.get(robot, [])
+            place = bisect_left(decoded, step_ns)
+            if first_ns <= sent_ns <= last_ns and place < len(decoded):
+                found.append(decoded[place] - sent_ns)
+        return found
+
+
+class Bare:
+    """The bare chain's processes."""
+
+    def __init__(self, robots: int, rate_hz: float, folder: Path) -> None:
+        tcp, port, _ = rig.free_ports()
+        endpoint = f"tcp/127.0.0.1:{tcp}"
+        roles = [["hardware", str(port), str(rate_hz), str(folder), str(robots)], ["bridge", endpoint, str(port)]]
+        roles += [["agent", endpoint, str(folder / str(number))] for number in range(robots)]
+        self._processes: list[subprocess.Popen[str]] = []
+        for role in roles:
+            process = subprocess.Popen(
+                [sys.executable, str(BARE), *role], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
+            self._processes.append(process)
+            if role[0] != "agent":
+                pipe(process.stdout).readline()
+        for process in self._processes[2:]:
+            pipe(process.stdout).readline()
+
+    def tell(self, word: str) -> None:
+        stdin = pipe(self._processes[0].stdin)
+        stdin.write(word + "\n")
+        stdin.flush()
+
+    def latencies(self) -> list[int]:
+        self.tell("off")
+        found: list[int] = json.loads(pipe(self._processes[0].stdout).readline())
+        return found
+
+    def end(self) -> None:
+        for process in self._processes:
+            process.kill()
+            process.wait()
+
+
+def pipe(stream: IO[str] | None) -> IO[str]:
+    if stream is None:
+        raise RuntimeError("no pipe")
+    return stream
+
+
+def measure(robots: int, blocks: int) -> list[tuple[list[int], list[int]]]:
+    """(full, bare) latencies in ns, one pair a block."""
+    with tempfile.TemporaryDirectory() as folder:
+        out, ptys = Path(folder) / "run", Path(folder) / "bare"
+        ptys.mkdir()
+        changes = rig.Changes(robots=robots, targets=50, seed=1)
+        arena = rig.mock_arena(rig.find_arena("experiment2"), out, changes)
+        cloud = cloud_of(arena, "bench")
+        bare = Bare(robots, arena.mocap.frame_rate_hz, ptys)
+        try:
+            with rig.Rig(arena, out, record=False) as processes:
+                processes.start()
+                with Link(arena, "station") as link, Link(arena, "bench") as ear:
+                    for name in arena.robots:
+                        ear.subscribe([ear.keys.steps(name), ear.keys.motor(name)])
+                    ear.subscribe([ear.keys.mocap_frame])
+                    session = new_session(arena, cloud, Plan(automatic=True))
+                    conductor = Conductor(arena, session, cloud, link)
+                    if not conductor.until(lambda: session.phase == "running", 30.0):
+                        raise RuntimeError(f"the robots do not start: {session.detail}")
+                    return [block(conductor, ear, bare, out / FAULTS_FILE) for _ in range(blocks)]
+        finally:
+            bare.end()
+
+
+def block(conductor: Conductor, ear: Link, bare: Bare, faults: Path) -> tuple[list[int], list[int]]:
+    full = Full()
+    faults.write_text("")
+    turn(conductor, SETTLE_S)
+    ear.drain()
+    first_ns = time.monotonic_ns()
+    turn(conductor, BLOCK_S)
+    last_ns = time.monotonic_ns()
+    turn(conductor, SETTLE_S)
+    for _, message in ear.drain():
+        full.receive(message)
+    faults.write_text("udp dropped\n")
+    turn(conductor, SETTLE_S)
+    bare.tell("on")
+    turn(conductor, BLOCK_S)
+    return full.latencies(first_ns, last_ns), bare.latencies()
+
+
+def turn(conductor: Conductor, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        conductor.turn()
+
+
+def judge(pairs: list[tuple[list[int], list[int]]]) -> dict[str, Any]:
+    """Pooled percentiles in us, and the medians over blocks of the ratios of percentiles."""
+    full, bare = (sorted(value / 1e3 for pair in pairs for value in pair[side]) for side in (0, 1))
+
+    def spread(values: list[float]) -> dict[str, float]:
+        return {name: round(float(np.percentile(values, q)), 1) for name, q in (("p50", 50), ("p99", 99), ("max", 100))}
+
+    def paired(q: int) -> float:
+        ratios = [float(np.percentile(a, q) / np.percentile(b, q)) for a, b in pairs if a and b]
+        return round(statistics.median(ratios), 3)
+
+    return {
+        "full_us": spread(full),
+        "bare_us": spread(bare),
+        "paired_p50": paired(50),
+        "paired_p99": paired(99),
+        "blocks": len(pairs),
+        "samples": [len(full), len(bare)],
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robots", type=int, default=6)
+    parser.add_argument("--blocks", type=int, default=12)
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument(
+        "--gate", action="store_true", help="exit code 1 above 2.0 (p50) or 2.5 (p99) times the bare chain"
+    )
+    args = parser.parse_args()
+    result = judge(measure(args.robots, args.blocks))
+    text = json.dumps(result, indent=2)
+    print(text)
+    if args.json:
+        args.json.write_text(text + "\n")
+    return int(args.gate and (result["paired_p50"] > 2.0 or result["paired_p99"] > 2.5))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
