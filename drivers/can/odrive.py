@@ -5,17 +5,17 @@ heartbeat must confirm closed loop. CANSimple cannot reach ``axis.config.watchdo
 set over USB, and ``watchdog_s`` states what was set.
 """
 
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from contract.messages import WheelFeedback
 from contract.tables import Fault, show
-from drivers.base import ControllerFault, LinkLost, Refused, Site, WheelSpeeds
+from drivers.base import ControllerFault, Site, WheelSpeeds
 from drivers.can import odrive_codec as codec
 from drivers.can.frame import CanFrame
+from drivers.can.line import CanLine
 from drivers.conversion import Odometer, WheelScale
 from drivers.options import WheelOptions
 from drivers.ports import FramePort
@@ -92,8 +92,6 @@ class Drive:
     IDENTIFY_S = 0.6
     """Six heartbeats at their default period."""
     ENABLE_S = 0.6
-    FEED_NS = 10_000_000
-    """Zeros during activation keep the shortest watchdog fed."""
     POLL_AFTER_NS = 60_000_000
     """Estimates are cyclic; one this late is asked for."""
     BUS_PERIOD_NS = 1_000_000_000
@@ -102,8 +100,7 @@ class Drive:
         self.robot = robot
         self.options = options
         self._site = site
-        self._port = port
-        self._counters: Counter[str] = Counter()
+        self._line = CanLine(f"ODrive of {robot}", port, self._take)
         gear = options.gear_ratio
         self._left = _Axis("left", options.left, WheelScale.of(1.0, gear, options.left_inverted))
         self._right = _Axis("right", options.right, WheelScale.of(1.0, gear, options.right_inverted))
@@ -117,27 +114,23 @@ class Drive:
 
     @property
     def counters(self) -> Mapping[str, int]:
-        self._counters.update(self._port.take_counters())
-        return self._counters
+        return self._line.total()
 
     def configure(self) -> None:
         declared = self.options.watchdog_s
         if declared is None:
-            raise self._refused("the device watchdog is unknown", WATCHDOG_TEXT)
+            raise self._line.refused("the device watchdog is unknown", WATCHDOG_TEXT)
         if declared > self._site.safety.watchdog_s:
-            raise self._refused(
+            raise self._line.refused(
                 f"watchdog_s = {declared:g} s exceeds safety.watchdog_s = {self._site.safety.watchdog_s:g} s",
                 "Lower axis.config.watchdog_timeout over USB, then watchdog_s here",
             )
-        try:
-            self._port.open()
-        except OSError as error:
-            raise self._lost(f"cannot open: {error}") from error
-        self._await(lambda axis: axis.heartbeat is not None, self.IDENTIFY_S)
+        self._line.open()
+        self._line.wait_until(lambda: all(axis.heartbeat for axis in self._axes), self.IDENTIFY_S)
         silent = [f"{axis.name} (node {axis.node})" for axis in self._axes if axis.heartbeat is None]
         if silent:
             self.close()
-            raise self._lost(
+            raise self._line.lost(
                 f"no heartbeat from {' and '.join(silent)}",
                 "Check power, node ids, bitrate, CAN termination, and that nothing else holds the adapter",
             )
@@ -147,17 +140,18 @@ class Drive:
         for axis in self._axes:
             axis.heartbeat = None
             axis.odometer = Odometer(axis.scale)
-        self._send([codec.set_controller_mode(node) for node in nodes])
-        self._send([codec.set_input_vel(node, 0.0) for node in nodes])
-        self._send([codec.clear_errors(node) for node in nodes])
-        self._send([codec.set_axis_state(node, codec.CLOSED_LOOP) for node in nodes])
-        self._await(lambda axis: _runs(axis.heartbeat), self.ENABLE_S, feed=True)
+        self._line.send([codec.set_controller_mode(node) for node in nodes])
+        self._line.send([codec.set_input_vel(node, 0.0) for node in nodes])
+        self._line.send([codec.clear_errors(node) for node in nodes])
+        self._line.send([codec.set_axis_state(node, codec.CLOSED_LOOP) for node in nodes])
+        zeros = [codec.set_input_vel(node, 0.0) for node in nodes]
+        running = self._line.wait_until(lambda: all(_runs(axis.heartbeat) for axis in self._axes), self.ENABLE_S, zeros)
         faults = self._faults()
-        if not all(_runs(axis.heartbeat) for axis in self._axes):
+        if not running:
             self.deactivate(now_ns)
             raise ControllerFault(
-                self._device,
-                self._port.name,
+                self._line.device,
+                self._line.port.name,
                 "closed loop not reached: " + (", ".join(faults) or "no heartbeat confirms it"),
                 "Calibrate the axis, read its errors over USB, then activate again",
             )
@@ -165,7 +159,7 @@ class Drive:
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         left, right = self._left, self._right
-        self._send(
+        self._line.send(
             (
                 codec.set_input_vel(left.node, speeds.left_radps * left.scale.units_per_rad),
                 codec.set_input_vel(right.node, speeds.right_radps * right.scale.units_per_rad),
@@ -181,10 +175,10 @@ class Drive:
             self._bus_asked_ns = now_ns
             frames.append(codec.request(self._left.node, codec.GET_BUS))
         if frames:
-            self._send(frames)
+            self._line.send(frames)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
-        self._drain()
+        self._line.drain()
         left, right = self._axes
         if not (left.fresh and right.fresh):
             return None
@@ -203,62 +197,24 @@ class Drive:
         )
 
     def stop(self, now_ns: int) -> None:
-        self._send([codec.set_input_vel(axis.node, 0.0) for axis in self._axes])
+        self._line.send([codec.set_input_vel(axis.node, 0.0) for axis in self._axes])
 
     def deactivate(self, now_ns: int) -> None:
         self._active = False
-        self._send(
+        self._line.send(
             [codec.set_input_vel(axis.node, 0.0) for axis in self._axes]
             + [codec.set_axis_state(axis.node, codec.IDLE) for axis in self._axes]
         )
 
     def clear_errors(self, now_ns: int) -> None:
-        self._send([codec.clear_errors(axis.node) for axis in self._axes])
+        self._line.send([codec.clear_errors(axis.node) for axis in self._axes])
 
     def close(self) -> None:
         self._active = False
-        self._port.close()
+        self._line.port.close()
 
     def fileno(self) -> int | None:
-        return self._port.fileno()
-
-    @property
-    def _device(self) -> str:
-        return f"ODrive of {self.robot}"
-
-    def _refused(self, fault: str, remedy: str) -> Refused:
-        return Refused(self._device, self._port.name, fault, remedy)
-
-    def _lost(self, fault: str, remedy: str = "Check cable, power and adapter, then configure again") -> LinkLost:
-        return LinkLost(self._device, self._port.name, fault, remedy)
-
-    def _send(self, frames: Sequence[CanFrame]) -> None:
-        try:
-            if not self._port.send(frames):
-                self._counters["send_dropped"] += 1
-        except OSError as error:
-            raise self._lost(f"cannot send: {error}") from error
-
-    def _await(self, done: Callable[[_Axis], bool], timeout_s: float, feed: bool = False) -> None:
-        now_ns = self._port.now_ns()
-        deadline_ns, feed_ns = now_ns + int(timeout_s * 1e9), now_ns
-        while now_ns < deadline_ns and not all(done(axis) for axis in self._axes):
-            if feed and now_ns >= feed_ns:
-                feed_ns = now_ns + self.FEED_NS
-                self._send([codec.set_input_vel(axis.node, 0.0) for axis in self._axes])
-            self._port.wait(min((deadline_ns - now_ns) * 1e-9, self.FEED_NS * 1e-9))
-            self._drain()
-            now_ns = self._port.now_ns()
-
-    def _drain(self) -> None:
-        try:
-            frames = self._port.receive()
-        except OSError as error:
-            raise self._lost(f"cannot receive: {error}") from error
-        for frame in frames:
-            reason = self._take(frame)
-            if reason:
-                self._counters[reason] += 1
+        return self._line.port.fileno()
 
     def _take(self, frame: CanFrame) -> str:
         """Handle one frame; the counter to raise if it was refused."""

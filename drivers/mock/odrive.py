@@ -10,12 +10,11 @@ import struct
 from collections import Counter
 from typing import NamedTuple
 
-from contract.messages import MotorSample
 from drivers.can.frame import CanFrame
 from drivers.can.odrive import Options
+from drivers.mock.adapter import OnSlcan
 from drivers.mock.controller import SampleLog, Wheels
 from drivers.mock.motor import Shaft
-from drivers.mock.slcan import AdapterPort, Hub
 
 ESTOP_ERROR = {"0.5": 0x4000, "0.6": 0x02000000}
 WATCHDOG_ERROR = {"0.5": 0x800, "0.6": 0x01000000}
@@ -148,6 +147,10 @@ class EmulatedOdrive:
         times = [time for axis in self.axes for time in (axis.next_due_ns(), axis.expiry_ns) if time is not None]
         return min(times, default=None)
 
+    def set_sensor_sign(self, sign: float) -> None:
+        for axis in self.axes:
+            axis.shaft.sensor_sign = sign
+
     def take_frame(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
         if self.hung:
             return []
@@ -222,64 +225,8 @@ class EmulatedOdrive:
             self._now_ns = now_ns
 
 
-class OdriveOnSlcan:
-    """:class:`drivers.mock.controller.EmulatedController`: adapter, bus and device."""
-
-    def __init__(self, device: EmulatedOdrive, hub: Hub) -> None:
-        self.device = device
-        self.hub = hub
-        self.wheels = device.wheels
-        self._port = hub.add_port()
-        hub.nodes.append(device)
-
-    @property
-    def counters(self) -> Counter[str]:
-        return self.device.counters + self.hub.counters
-
-    @property
-    def hung(self) -> bool:
-        return self.device.hung
-
-    @hung.setter
-    def hung(self, value: bool) -> None:
-        self.device.hung = value
-
-    @property
-    def bus_off(self) -> bool:
-        return self.hub.bus_off
-
-    @bus_off.setter
-    def bus_off(self, value: bool) -> None:
-        self.hub.bus_off = value
-
-    def receive(self, data: bytes, now_ns: int) -> bytes:
-        self.hub.broadcast(self.device.advance(now_ns), now_ns)
-        self.hub.receive(self._port, data, now_ns)
-        return self._take(self._port)
-
-    def advance(self, now_ns: int) -> bytes:
-        self.hub.broadcast(self.device.advance(now_ns), now_ns)
-        return self._take(self._port)
-
-    def next_due_ns(self) -> int | None:
-        return self.device.next_due_ns()
-
-    def take_samples(self) -> list[MotorSample]:
-        return self.device.log.take()
-
-    def set_sensor_sign(self, sign: float) -> None:
-        for axis in self.device.axes:
-            axis.shaft.sensor_sign = sign
-
-    @staticmethod
-    def _take(port: AdapterPort) -> bytes:
-        taken = bytes(port.output)
-        port.output.clear()
-        return taken
-
-
-def emulate(options: Options, wheels: Wheels, settings: AxisSettings | None = None) -> OdriveOnSlcan:
+def emulate(options: Options, wheels: Wheels, settings: AxisSettings | None = None) -> OnSlcan:
     """The device the options describe, its watchdog set to what they declare."""
     if settings is None:
         settings = AxisSettings(watchdog_ns=int((options.watchdog_s or 0.0) * 1e9))
-    return OdriveOnSlcan(EmulatedOdrive(options, wheels, settings), Hub(options.bitrate))
+    return OnSlcan(EmulatedOdrive(options, wheels, settings), options.bitrate)
