@@ -19,6 +19,15 @@ WHEELS: dict[str, dict[str, Any]] = {
     "odrive": {"channel": "/dev/null", "interface": "slcan", "left": 4, "right": 5, "watchdog_s": 0.2},
     "roboclaw": {"port": "/dev/null", "counts_per_revolution": 2048},
     "dynamixel": {"port": "/dev/null", "left": 1, "right": 2},
+    "vesc": {
+        "channel": "/dev/null",
+        "interface": "slcan",
+        "left": 10,
+        "right": 11,
+        "pole_pairs": 7,
+        "min_erpm": 0.0,
+        "watchdog_s": 0.2,
+    },
     "ros_arduino": {"port": "/dev/null", "counts_per_revolution": 2048, "watchdog_s": 0.2},
 }
 COMMON = {"gear_ratio": 7.0, "right_inverted": True}
@@ -145,7 +154,11 @@ class PtyBench:
         self.host = EmulatedWheels(self.arena)
         self.host.plug()
         self.port: PumpedSerial | PumpedSlcan
-        self.port = PumpedSlcan(str(path), 250_000) if key == "channel" else PumpedSerial(str(path), 115200)
+        self.port = (
+            PumpedSlcan(str(path), self.host.robots[ROBOT].controller.hub.bitrate)
+            if key == "channel"
+            else PumpedSerial(str(path), 115200)
+        )
         self.port.host = self.host
         self.drive = open_robot(self.arena, ROBOT, port=self.port)
 
