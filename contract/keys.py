@@ -2,6 +2,7 @@
 
 <site>/mocap/frame            MocapFrame        whole frame, real time, latest wins
 <site>/mocap/health           MocapHealth
+<site>/mocap/external         ExternalFrame     poses from another system, to the bridge
 <site>/station/heartbeat      StationHeartbeat  20 Hz, silence stops robots
 <site>/station/targets        TargetCloud       cached for late joiners
 <site>/station/status         RunStatus
@@ -50,6 +51,10 @@ class Keys:
     @property
     def mocap_health(self) -> str:
         return f"{self.site}/mocap/health"
+
+    @property
+    def external(self) -> str:
+        return f"{self.site}/mocap/external"
 
     @property
     def heartbeat(self) -> str:
@@ -107,6 +112,8 @@ class Keys:
                 return m.MocapFrame
             case ["mocap", "health"]:
                 return m.MocapHealth
+            case ["mocap", "external"]:
+                return m.ExternalFrame
             case ["station", "heartbeat"]:
                 return m.StationHeartbeat
             case ["station", "targets"]:

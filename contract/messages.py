@@ -66,6 +66,30 @@ class MocapFrame(Message, frozen=True, kw_only=True):
     bodies: tuple[BodyPose, ...]
 
 
+class ExternalBody(Message, frozen=True, kw_only=True):
+    """One body as another positioning system sees it, in the arena frame."""
+
+    body: Annotated[str, Meta(min_length=1, max_length=64)]
+    """Name as in ``robots.ID.body``."""
+    x_m: Metres
+    y_m: Metres
+    z_m: Metres = 0.0
+    heading_rad: Radians
+    tracked: bool = True
+    error_m: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    """How far off the system thinks it is; the checks refuse more than 10 mm."""
+
+
+class ExternalFrame(Message, frozen=True, kw_only=True):
+    """All bodies of one instant from a camera, UWB or any other system (``mocap.source = "external"``)."""
+
+    seq: Count
+    """Raised by one with every frame; a smaller number with a later stamp means the sender has restarted."""
+    stamp_ns: Nanoseconds = 0
+    """Site time of the measurement; 0 where the sender has no clock: time of arrival."""
+    bodies: tuple[ExternalBody, ...]
+
+
 class BodyHealth(Message, frozen=True, kw_only=True):
     """Why a body is not trusted, and how often each check fired."""
 

@@ -61,6 +61,7 @@ QOS: Mapping[str, Qos] = MappingProxyType(
     {
         "mocap_frame": _POSES,
         "mocap_health": _STATUS,
+        "external": _POSES,
         "heartbeat": _SAFETY,
         "stop": _SAFETY,
         "targets": _ORDERS,

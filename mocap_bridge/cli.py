@@ -8,6 +8,7 @@ from collections.abc import Sequence
 VERBS = {
     "run": ("mocap_bridge.verbs.run", "connect to the motion-capture system and publish every frame"),
     "check": ("mocap_bridge.verbs.check", "check an arena file and say what the bridge would do with it"),
+    "doctor": ("mocap_bridge.verbs.doctor", "look for poses and name what is wrong"),
     "record": ("mocap_bridge.verbs.record", "record raw datagrams with their times, for replay bit for bit"),
     "emulate": ("mocap_bridge.verbs.emulate", "be a NatNet server with circling bodies and scripted faults"),
 }

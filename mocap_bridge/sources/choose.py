@@ -29,7 +29,18 @@ def open_source(arena: Arena) -> Source:
             return ReplaySource(arena, Path(arena.mocap.recording))
         except TapeError as error:
             raise SourceError(f"mocap.recording: {error}") from None
-    raise SourceError(f'mocap.source = "{source}": "natnet" and "replay" are built in yet')
+    if source == "external":
+        from mocap_bridge.sources.external import ExternalSource
+
+        return ExternalSource(arena)
+    from mocap_bridge.sources.qualisys import open_qualisys
+
+    try:
+        return open_qualisys(arena)
+    except ImportError:
+        raise SourceError(
+            'mocap.source = "qualisys" needs the package qtm-rt: pip install "ahdc-fieldkit[qualisys]"'
+        ) from None
 
 
 def open_natnet(arena: Arena) -> NatNetSource:

@@ -13,6 +13,8 @@ RECEIVE_BUFFER_BYTES = 1 << 21
 MAX_BATCH = 256
 """Datagrams taken at once, so that a flood cannot starve the rest of the loop."""
 
+MAX_FOREIGN = 16
+
 
 def data_socket(group: str, port: int, local_address: str) -> socket.socket:
     """A socket that has joined the multicast group on the interface with ``local_address``."""
@@ -35,6 +37,9 @@ class NatNetSource:
         self.receiver = receiver
         self.tap: Callable[[Entry], None] | None = None
         """Sees every datagram sent and received, for recording."""
+        self.frames_received = 0
+        self.foreign_senders: set[str] = set()
+        """Addresses that sent something but are not the server."""
         self._server = (socket.gethostbyname(server), command_port)
         self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._sockets = [self._command]
@@ -79,12 +84,15 @@ class NatNetSource:
                     break
                 if sender[0] != self._server[0]:
                     self.receiver.counters["foreign_sender"] += 1
+                    if len(self.foreign_senders) < MAX_FOREIGN:
+                        self.foreign_senders.add(sender[0])
                     continue
                 if self.tap:
                     self.tap(Entry("received", now_ns, datagram))
                 frame = self.receiver.receive(datagram, now_ns)
                 if frame is not None:
                     frames.append(frame)
+        self.frames_received += len(frames)
         self.send(now_ns)
         return frames
 

@@ -35,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
 
     from mocap_bridge.bridge import NAME, Bridge
     from mocap_bridge.network import open_session
+    from mocap_bridge.sources.external import ExternalSource
 
     try:
         session = open_session(arena.link.router)
@@ -43,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
         source.close()
         return 1
     with session:
+        if isinstance(source, ExternalSource):
+            source.attach(session)
         bridge = Bridge(arena, source, session, options.allow_replay)
         print(f"READY {NAME}", flush=True)
         bridge.run(lambda: bool(stop))
