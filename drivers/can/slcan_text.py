@@ -25,8 +25,8 @@ def encode(frame: CanFrame) -> bytes:
 class SlcanReader:
     """Frames from what an adapter sends; refused lines are counted by name, never raised.
 
-    Refusals before the first acknowledged or received frame are the handshake's (a channel closed
-    or opened twice) and not counted.
+    Refusals before the first acknowledged frame are the handshake's (a channel closed or opened
+    twice) and not counted.
     """
 
     def __init__(self) -> None:
@@ -55,7 +55,6 @@ class SlcanReader:
             if frame is None:
                 self.counters["slcan_garbage"] += 1
             else:
-                self._settled = True
                 frames.append(frame)
         return frames
 

@@ -154,11 +154,10 @@ class PtyBench:
         self.host = EmulatedWheels(self.arena)
         self.host.plug()
         self.port: PumpedSerial | PumpedSlcan
-        self.port = (
-            PumpedSlcan(str(path), self.host.robots[ROBOT].controller.hub.bitrate)
-            if key == "channel"
-            else PumpedSerial(str(path), 115200)
-        )
+        if key == "channel":
+            self.port = PumpedSlcan(str(path), self.host.robots[ROBOT].controller.hub.bitrate)
+        else:
+            self.port = PumpedSerial(str(path), 115200)
         self.port.host = self.host
         self.drive = open_robot(self.arena, ROBOT, port=self.port)
 

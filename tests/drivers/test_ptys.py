@@ -65,8 +65,6 @@ def test_one_flipped_bit_raises_the_counter_and_turns_nothing(bench: PtyBench) -
         (fd,) = bench.host.fds()
         bench.host.on_readable(fd, time.monotonic_ns())
     assert REFUSALS & set(bench.counters())
-        bench.counters()
-    )
     assert bench.host.speeds(ROBOT) == (0.0, 0.0)
     assert not any(sample.left_radps or sample.right_radps for sample in bench.host.samples(ROBOT))
 
