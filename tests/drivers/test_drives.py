@@ -46,6 +46,19 @@ def test_lifecycle_turns_the_right_wheels_the_right_way(bench: Bench) -> None:
     assert not bench.device_counters
 
 
+def test_every_family_rolls_the_body_equally_far() -> None:
+    rolled = {}
+    for kind in KINDS:
+        bench = Bench(kind)
+        bench.start()
+        bench.run(2.0, (10.0, 10.0))
+        bench.run(1.0, (0.0, 0.0))
+        rolled[kind] = bench.x_m - 20.0
+        assert bench.host.pose(ROBOT)[1:] == pytest.approx((20.0, 0.0), abs=0.01)
+    expected_m = 10.0 * RADIUS_M * 2.0
+    assert rolled == pytest.approx(dict.fromkeys(KINDS, expected_m), rel=0.02)
+
+
 def test_nothing_turns_before_activation_or_after_a_stop(bench: Bench) -> None:
     bench.drive.configure()
     bench.run(0.3, (10.0, 10.0))

@@ -150,6 +150,13 @@ def test_rounding_above_the_limit_is_shrunk_but_not_counted() -> None:
     assert not gate.counters
 
 
+def test_just_above_the_limit_is_counted() -> None:
+    gate = gate_in(GateState.ARMED)
+    gate.arm(0)
+    assert gate.permit(10.0 * (1 + 1e-8), 0.0, T0, T0)[0] == pytest.approx(10.0, rel=1e-12)
+    assert dict(gate.counters) == {"overspeed": 1}
+
+
 def test_slew_is_limited_from_the_last_permitted_speed() -> None:
     gate = gate_in(GateState.ARMED, (0.5, 0.25))
     assert gate.permit(4.0, 2.0, T0, T0) == pytest.approx((1.5, 0.75))
