@@ -84,6 +84,12 @@ def _colour(i: int) -> str:
     return ROBOTS[i % len(ROBOTS)]
 
 
+def _halo() -> list[Any]:
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=1.6, foreground="white")]
+
+
 def _targets(axes: Any, targets: Sequence[Target], done: frozenset[int], size: float) -> None:
     for target in targets:
         x, y = target.x_m, target.y_m
@@ -94,7 +100,7 @@ def _targets(axes: Any, targets: Sequence[Target], done: frozenset[int], size: f
         colour = FAINT if target.index in done else INK
         axes.annotate(
             str(target.index + 1), (x, y), (size * 0.55, size * 0.45), textcoords="offset points", fontsize=size + 0.5,
-            color=colour, zorder=2.5,
+            color=colour, zorder=5, path_effects=_halo(),
         )  # fmt: skip
 
 
@@ -177,7 +183,7 @@ def topology(film: Film, scenes: Sequence[Scene]) -> Any:
             )
             _robot(axes, x, y, label(name), ACTIVE, 9.5 if not crowd else 5)
         _links(axes, scene)
-        axes.set_title(f"({'abcdef'[k]})  {clock(scene.seconds, 1)}  {scene.caption}", fontsize=7.5, loc="left", pad=3)
+        axes.set_title(f"({'abcdef'[k]})  {clock(scene.seconds, 1)}  {scene.caption}", fontsize=7, loc="left", pad=3)
     _topology_legend(figure)
     return figure
 

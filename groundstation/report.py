@@ -8,6 +8,8 @@ from pathlib import Path
 
 import msgspec
 
+from groundstation import compare
+from groundstation.compare import groups, table
 from groundstation.figures import draw
 from groundstation.metrics import Metrics, failures
 from groundstation.page import page
@@ -68,18 +70,35 @@ def finish(path: Path) -> list[str]:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folders, or recordings")
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="run folders, or recordings; several are compared"
+    )
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the numbers of all runs, one a line")
 
 
 def run(args: argparse.Namespace) -> int:
+    """Exit code 0: all reported; 1: a run without a mission; 2: no recording. Missions may have failed."""
     code = 0
+    reported: list[tuple[str, Metrics]] = []
     for path in args.runs:
         try:
-            print(write_report(read(path)))
+            found = read(path)
+            print(write_report(found))
         except RecordingError as error:
             print(error, file=sys.stderr)
             code = 2
+            continue
         except ValueError as error:
             print(error, file=sys.stderr)
             code = code or 1
+            continue
+        assert found.metrics is not None
+        reported.append((str(path), found.metrics))
+    if len(reported) > 1:
+        rows = table(groups(metrics for _, metrics in reported))
+        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        for row in rows:
+            print("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+    if args.csv:
+        write_whole(args.csv, compare.csv_of(reported))
     return code
