@@ -192,6 +192,6 @@ def dropped(history: History, inside: Mask) -> int:
 
 
 def growth(history: History, mission: Mission) -> int:
-    before = [h.frames_dropped for h in history.health if h.stamp_ns <= mission.start_ns]
-    until = [h.frames_dropped for h in history.health if h.stamp_ns <= mission.end_ns]
-    return max(0, (until[-1] if until else 0) - (before[-1] if before else 0))
+    until = [h for h in history.health if h.stamp_ns <= mission.end_ns]
+    before = [h for h in until if h.stamp_ns <= mission.start_ns] or until[:1]
+    return max(0, until[-1].frames_dropped - before[-1].frames_dropped) if until else 0

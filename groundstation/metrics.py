@@ -27,7 +27,8 @@ Definitions:
   rate)); ``p99_jitter_ms`` the 99th percentile of abs(interval - nominal); ``deadline_misses`` sums
   over intervals longer than 1.5 nominal the steps left out, at least one each.
 - ``frames_dropped``: frame numbers of a mocap session missing from the recording within the mission;
-  ``frames_dropped_bridge``: growth of MocapHealth.frames_dropped.
+  ``frames_dropped_bridge``: growth of MocapHealth.frames_dropped, from the last health message before
+  the start (or the first there is) to the last before the end.
 - Percentiles interpolate linearly. Of an empty set they are null.
 """
 

@@ -65,6 +65,12 @@ def test_lost_frames_are_dropped_and_missed() -> None:
     assert found.loop["r01"].steps == 97
 
 
+def test_frames_the_bridge_lost_before_the_recording_began_are_not_the_missions() -> None:
+    arena = arena_of()
+    sent = [entry for entry in mission(arena, skip=frozenset({10})) if entry[2] > 4_990_000_000]
+    assert judge(arena, [mission(arena)[0], *sent]).frames_dropped_bridge == 0
+
+
 def spread_at(k: int, far_m: float) -> Place:
     """Robot 0 is ``far_m`` from robot 1 from frame k on."""
     return lambda i, frame: (2.0 - far_m, 0.5) if i == 0 and frame >= k else (1.5 + 0.5 * i, 0.5)
