@@ -126,6 +126,26 @@ def test_frames_arrive_whole_over_the_network(loops: list[Loop], group: str) -> 
     assert loop.health[-1].source == "Emulated Motive"
 
 
+def test_program_of_the_documentation_feeds_the_bridge(loops: list[Loop]) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "mocap.md").read_text(encoding="utf-8")
+    program = text.partition("```python\n")[2].partition("```")[0]
+    loop = Loop(arena({"r06": (2.0, 2.0)}, source="external"))
+    loops.append(loop)
+    loop.source.attach(loop.session)  # type: ignore[attr-defined]
+    assert "tcp/127.0.0.1:7447" in program
+    sender = subprocess.Popen(
+        [sys.executable, "-c", program.replace("tcp/127.0.0.1:7447", loop.arena.link.router)],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+    )
+    try:
+        loop.until(lambda: len(loop.frames) >= 20)
+    finally:
+        sender.kill()
+        sender.wait()
+    assert {body.valid for frame in loop.frames for body in frame.bodies} == {True}
+    assert loop.frames[-1].bodies[0].robot == "r06"
+
+
 def test_datagram_from_elsewhere_is_not_heard(loops: list[Loop]) -> None:
     loop = Loop(arena())
     loops.append(loop)
