@@ -27,12 +27,15 @@ class Line:
         except OSError as error:
             raise self.lost(f"cannot open: {error}") from error
 
-    def send(self, data: bytes) -> None:
+    def send(self, data: bytes) -> bool:
+        """False if the line had no room: the bytes are dropped, never queued."""
         try:
-            if not self.port.send(data):
-                self.counters["send_dropped"] += 1
+            sent = self.port.send(data)
         except OSError as error:
             raise self.lost(f"cannot send: {error}") from error
+        if not sent:
+            self.counters["send_dropped"] += 1
+        return sent
 
     def receive(self) -> bytes:
         try:

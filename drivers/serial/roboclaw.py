@@ -5,7 +5,6 @@ The device has no enable: any speed command drives, duty zero releases. Its seri
 back before anything may move.
 """
 
-from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
@@ -13,12 +12,13 @@ from msgspec import Meta
 
 from contract.messages import WheelFeedback
 from contract.tables import Fault, show
-from drivers.base import STANDSTILL, ControllerFault, LinkLost, Refused, Site, WheelSpeeds
+from drivers.base import STANDSTILL, ControllerFault, Site, WheelSpeeds
 from drivers.conversion import Odometer, WheelScale, saturate
 from drivers.options import DevicePath, WheelOptions
 from drivers.ports import BytePort
 from drivers.serial import roboclaw_codec as codec
 from drivers.serial.bandwidth import Bandwidth
+from drivers.serial.line import Line
 
 Channel = Annotated[int, Meta(ge=1, le=2, description="motor output: 1 for M1, 2 for M2")]
 
@@ -68,8 +68,7 @@ class Drive:
         self.options = options
         self.firmware: tuple[int, ...] = ()
         self._site = site
-        self._port = port
-        self._counters: Counter[str] = Counter()
+        self._line = Line(f"RoboClaw of {robot}", port)
         self._replies = codec.Replies(options.address)
         counts, gear = float(options.counts_per_revolution), options.gear_ratio
         self._left = WheelScale.of(counts, gear, options.left_inverted)
@@ -86,26 +85,16 @@ class Drive:
 
     @property
     def counters(self) -> Mapping[str, int]:
-        self._counters.update(self._replies.counters)
-        self._replies.counters.clear()
-        return self._counters
+        return self._line.counters + self._replies.counters
 
     def configure(self) -> None:
-        bandwidth = Bandwidth(CYCLE_BYTES, self.options.baud, self._site.control_period_s)
-        if not bandwidth.fits:
-            raise Refused(self._device, self._port.name, str(bandwidth), "Raise baud, or control.control_period_s")
         tenths = int(self._site.safety.watchdog_s * 10.0 + 1e-9)
         if tenths < 1:
-            raise Refused(
-                self._device,
-                self._port.name,
+            raise self._line.refused(
                 f"safety.watchdog_s = {self._site.safety.watchdog_s:g} s; the device counts in 0.1 s",
                 "Raise safety.watchdog_s to at least 0.1",
             )
-        try:
-            self._port.open()
-        except OSError as error:
-            raise self._lost(f"cannot open: {error}") from error
+        self._line.open(Bandwidth(CYCLE_BYTES, self.options.baud, self._site.control_period_s))
         self._replies.reset()
         try:
             self._identify(tenths)
@@ -117,13 +106,16 @@ class Drive:
         self._left_odometer = Odometer(self._left, 32)
         self._right_odometer = Odometer(self._right, 32)
         if self._ask(codec.speed_both(self.options.address, 0, 0), codec.SPEED_BOTH) is None:
-            raise self._lost("the zero setpoint is not acknowledged")
+            raise self._line.lost("the zero setpoint is not acknowledged")
         status = self._ask(codec.read_packet(self.options.address, codec.GET_STATUS), codec.GET_STATUS)
         self._faults = codec.decode_status(status or b"")
         if self._faults:
             self.deactivate(now_ns)
             raise ControllerFault(
-                self._device, self._port.name, ", ".join(self._faults), "Remove the cause, clear errors, activate again"
+                self._line.device,
+                self._line.port.name,
+                ", ".join(self._faults),
+                "Remove the cause, clear errors, activate again",
             )
         self._active = True
 
@@ -181,37 +173,24 @@ class Drive:
 
     def close(self) -> None:
         self._active = False
-        self._port.close()
+        self._line.port.close()
 
     def fileno(self) -> int | None:
-        return self._port.fileno()
-
-    @property
-    def _device(self) -> str:
-        return f"RoboClaw of {self.robot}"
-
-    def _lost(self, fault: str) -> LinkLost:
-        return LinkLost(
-            self._device, self._port.name, fault, "Check power, cable, baud and address, then configure again"
-        )
+        return self._line.port.fileno()
 
     def _identify(self, tenths: int) -> None:
         address = self.options.address
         version = self._ask(codec.read_packet(address, codec.GET_VERSION), codec.GET_VERSION)
         if version is None:
-            raise self._lost(f"no answer at address 0x{address:02X} and {self.options.baud} baud")
+            raise self._line.lost(f"no answer at address 0x{address:02X} and {self.options.baud} baud")
         self.firmware = codec.firmware(version.decode("ascii", "replace"))
         if self._ask(codec.read_packet(address, codec.GET_STATUS), codec.GET_STATUS) is None:
-            raise Refused(
-                self._device, self._port.name, "the status reply is not 32 bits wide", "Update the controller firmware"
-            )
+            raise self._line.refused("the status reply is not 32 bits wide", "Update the controller firmware")
         self._ask(codec.set_timeout(address, tenths), codec.SET_TIMEOUT)
         readback = self._ask(codec.read_packet(address, codec.GET_TIMEOUT), codec.GET_TIMEOUT)
         if readback != bytes((tenths,)):
             seen = "nothing" if readback is None else f"{readback[0] / 10:g} s"
-            raise Refused(
-                self._device,
-                self._port.name,
+            raise self._line.refused(
                 f"serial time-out set to {tenths / 10:g} s reads back {seen}",
                 "Check the firmware version; without the time-out a hung computer leaves the wheels turning",
             )
@@ -219,13 +198,13 @@ class Drive:
     def _ask(self, packet: bytes, command: int) -> bytes | None:
         """The reply within ``ANSWER_S``, tried twice."""
         for _ in range(2):
-            start_ns = self._port.now_ns()
+            start_ns = self._line.port.now_ns()
             self._replies.reset()
             self._receive(start_ns)
             self._send(packet, (command,), start_ns)
-            while (left_s := self.ANSWER_S - (self._port.now_ns() - start_ns) * 1e-9) > 0.0:
-                self._port.wait(left_s)
-                for reply in self._receive(self._port.now_ns()):
+            while (left_s := self.ANSWER_S - (self._line.port.now_ns() - start_ns) * 1e-9) > 0.0:
+                self._line.port.wait(left_s)
+                for reply in self._receive(self._line.port.now_ns()):
                     if reply.command == command:
                         return reply.data
                 if self._replies.waiting == 0:
@@ -236,21 +215,12 @@ class Drive:
         self._send(codec.duty_both(self.options.address, 0, 0), (codec.DUTY_BOTH,), now_ns)
 
     def _send(self, packet: bytes, commands: "tuple[int, ...] | list[int]", now_ns: int) -> None:
-        try:
-            if not self._port.send(packet):
-                self._counters["send_dropped"] += 1
-                return
-        except OSError as error:
-            raise self._lost(f"cannot send: {error}") from error
-        for command in commands:
-            self._replies.expect(command, now_ns)
+        if self._line.send(packet):
+            for command in commands:
+                self._replies.expect(command, now_ns)
 
     def _receive(self, now_ns: int) -> list[codec.Reply]:
-        try:
-            data = self._port.receive()
-        except OSError as error:
-            raise self._lost(f"cannot receive: {error}") from error
-        return self._replies.feed(data, now_ns)
+        return self._replies.feed(self._line.receive(), now_ns)
 
     def _take(self, reply: codec.Reply) -> None:
         if reply.command == codec.GET_ENCODERS:
@@ -260,7 +230,7 @@ class Drive:
             left, right = self._rims(codec.decode_speeds(reply.data))
             speed = (self._left.to_wheel(left), self._right.to_wheel(right))
             if max(abs(speed[0]), abs(speed[1])) > 200.0:
-                self._counters["implausible_speed"] += 1
+                self._line.counters["implausible_speed"] += 1
             else:
                 self._speed = speed
         elif reply.command == codec.GET_STATUS:
