@@ -21,6 +21,7 @@ from groundstation.processes import Child, Family
 ARENAS = Path(__file__).parent / "arenas"
 READY_S = 40.0
 GRID_M = 0.4
+MOST_ROBOTS = 100
 REALTIME_NICENESS = -10
 """Where the kernel allows it: on a busy machine a robot starved for 0.2 s is cut by its device watchdog."""
 
@@ -83,6 +84,8 @@ def mock_arena(source: Path, out: Path, changes: Changes = AS_WRITTEN) -> Arena:
 
 def _some_robots(table: dict[str, Any], count: int) -> dict[str, Any]:
     """The first ``count`` robots of the file, more like them on a grid where it has fewer."""
+    if not 1 <= count <= MOST_ROBOTS:
+        raise ArenaError("robots", [Fault("robots", str(count), f"a whole number from 1 to {MOST_ROBOTS}")])
     robots: dict[str, Any] = dict(list(table["robots"].items())[:count])
     kinds = [robot["wheels"] for robot in table["robots"].values()]
     columns = math.ceil(math.sqrt(count))

@@ -1,0 +1,117 @@
+"""What the rig makes of an arena file, and the small pure parts of the station's shells."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from contract.arena import ArenaError, digest, load
+from drivers.registry import port_path, wheel_faults
+from groundstation import current
+from groundstation.mock_arena import flip_bit
+from groundstation.orders import Acknowledgement, describe, status_lines
+from groundstation.rig import ARENAS, Changes, find_arena, free_ports, mock_arena, write_config
+from groundstation.targets import cloud_of
+from mocap_bridge.natnet.wire import Malformed, MessageId, open_packet, packet
+
+EXAMPLES = sorted(entry.stem for entry in ARENAS.glob("*.toml"))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_example_arena_is_sound_and_its_targets_fit(name: str, tmp_path: Path) -> None:
+    arena = mock_arena(find_arena(name), tmp_path)
+    assert len(cloud_of(arena, "m").targets) == arena.targets.count
+    assert all(robot.emulate == ("wheels", "body") for robot in arena.robots.values())
+    assert all(port_path(robot.wheels) == str(tmp_path / "ports" / n) for n, robot in arena.robots.items())
+
+
+def test_the_resolved_file_reads_back_as_the_same_arena(tmp_path: Path) -> None:
+    arena = mock_arena(find_arena("experiment2"), tmp_path, Changes(seed=5))
+    write_config(arena, tmp_path / "config.toml")
+    again = load(tmp_path / "config.toml", wheel_faults)
+    assert again == arena
+    assert digest(again) == digest(arena)
+    assert again.targets.seed == 5
+
+
+@pytest.mark.parametrize("count", [1, 3, 6, 7, 10, 16])
+def test_any_number_of_robots_each_with_its_own_place(count: int, tmp_path: Path) -> None:
+    arena = mock_arena(find_arena("experiment2"), tmp_path, Changes(robots=count))
+    starts = [robot.start for robot in arena.robots.values()]
+    assert len(starts) == count
+    assert all(math.dist(p, q) >= 0.3 for i, p in enumerate(starts) for q in starts[i + 1 :])
+    assert len({port_path(robot.wheels) for robot in arena.robots.values()}) == count
+    assert len({robot.body for robot in arena.robots.values()}) == count
+
+
+def test_real_addresses_never_reach_the_mock_arena(tmp_path: Path) -> None:
+    text = find_arena("bench2").read_text().replace("127.0.0.1", "192.168.7.1")
+    (tmp_path / "real.toml").write_text(text)
+    arena = mock_arena(tmp_path / "real.toml", tmp_path / "out")
+    assert arena.link.router.startswith("tcp/127.0.0.1:")
+    assert arena.mocap.server == arena.mocap.local_address == "127.0.0.1"
+    assert arena.mocap.multicast_group == ""
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        Changes(robots=0),
+        Changes(robots=-1),
+        Changes(robots=99),
+        Changes(robots=10**9),
+        Changes(targets=0),
+        Changes(seed=-1),
+    ],
+)
+def test_impossible_numbers_are_refused(changes: Changes, tmp_path: Path) -> None:
+    with pytest.raises(ArenaError):
+        mock_arena(find_arena("experiment2"), tmp_path, changes)
+
+
+def test_an_unknown_name_lists_the_examples() -> None:
+    with pytest.raises(ArenaError, match="experiment1, experiment2"):
+        find_arena("no-such")
+
+
+def test_free_ports_differ() -> None:
+    _, first, second = free_ports()
+    assert first != second
+
+
+def test_stop_names_who_did_not_confirm() -> None:
+    lines, confirmed = describe([Acknowledgement("r06", 0.03), Acknowledgement("r08", None)])
+    assert not confirmed
+    assert lines[0] == "r06  stopped  30 ms"
+    assert "NOT CONFIRMED" in lines[1]
+    assert lines[2] == "STOP NOT CONFIRMED by r08"
+    lines, confirmed = describe([Acknowledgement("r06", 0.7)])
+    assert confirmed
+    assert "(late)" in lines[0]
+
+
+def test_status_names_the_silent(tmp_path: Path) -> None:
+    arena = mock_arena(find_arena("bench2"), tmp_path)
+    assert status_lines(arena, {}, None) == ["no station session", "r06  silent", "r08  silent"]
+
+
+def test_one_flipped_bit_is_one_bit_and_refused() -> None:
+    whole = packet(MessageId.ECHO_REQUEST, bytes(8))
+    damaged = flip_bit(whole)
+    assert sum((a ^ b).bit_count() for a, b in zip(whole, damaged, strict=True)) == 1
+    with pytest.raises(Malformed):
+        open_packet(damaged)
+
+
+def test_the_arena_of_the_last_session_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert current.recall() is None
+    config = tmp_path / "config.toml"
+    config.write_text("")
+    current.remember(config)
+    assert current.recall() == config
+    config.unlink()
+    assert current.recall() is None
+    monkeypatch.setenv("XDG_STATE_HOME", "/proc/nowhere")
+    current.remember(config)
+    assert current.recall() is None
