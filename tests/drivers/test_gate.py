@@ -136,10 +136,14 @@ def test_slowing_down_is_never_limited(fraction: float, left: float, right: floa
     assert not gate.counters
 
 
-def test_over_speed_keeps_curvature_and_is_counted() -> None:
+@pytest.mark.parametrize(
+    ("wanted", "permitted"),
+    [((40.0, -20.0), (10.0, -5.0)), ((-40.0, 20.0), (-10.0, 5.0)), ((20.0, -40.0), (5.0, -10.0))],
+)
+def test_over_speed_keeps_curvature_and_is_counted(wanted: tuple[float, float], permitted: tuple[float, float]) -> None:
     gate = gate_in(GateState.ARMED)
     gate.arm(0)
-    assert gate.permit(40.0, -20.0, T0, T0) == (10.0, -5.0)
+    assert gate.permit(*wanted, T0, T0) == permitted
     assert dict(gate.counters) == {"overspeed": 1}
 
 
@@ -172,6 +176,7 @@ def test_reversal_may_only_grow_from_zero() -> None:
     ("state", "age_ns", "last", "expected", "counted"),
     [
         ("disarmed", 10**9, (0.0, 0.0), None, {}),
+        ("armed", 0, (0.5, 0.5), None, {}),
         ("armed", 110_000_000 - 10_000_000, (0.5, 0.5), None, {}),
         ("armed", 110_000_000 - 9_999_999, (0.5, 0.5), (0.0, 0.0), {"stale": 1}),
         ("armed", 10**9, (0.0, 0.0), (0.0, 0.0), {}),
