@@ -78,7 +78,8 @@ class FieldControl(Struct, frozen=True, forbid_unknown_fields=True):
     """Calibrated interval of the first-order lag from command to wheel speed."""
     max_pose_age_s: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.15
     link_margin_m: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.02
-    target_knowledge: Literal["own", "shared"] = "own"
+    target_knowledge: Literal["own", "shared"] = "shared"
+    """Whether robots tell their neighbours which open targets they have seen."""
 
 
 class PaperControl(Struct, frozen=True, forbid_unknown_fields=True):

@@ -41,6 +41,8 @@ from onboard.sensing import Sensing
 REPORT_PERIOD_NS = 100_000_000
 DUPLICATE_WINDOW_NS = 2_000_000_000
 MAX_BATCH = 64
+MAX_RIM_MPS = 20.0
+"""A measured rim speed above this, or one that is not a number, is a fault of the telemetry."""
 
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -123,7 +125,10 @@ class Agent:
         self.counters[counter] = self.counters.get(counter, 0) + 1
 
     def feedback(self, sample: WheelFeedback, now_ns: int) -> None:
-        """Take what the motor controller measured."""
+        """Take what the motor controller measured; speeds that cannot be are refused and count as silence."""
+        if not max(abs(sample.left_radps), abs(sample.right_radps)) * self._radius_m <= MAX_RIM_MPS:
+            self.refuse("feedback out of range")
+            return
         self._feedback = sample
         self._odometry.record(sample.stamp_ns, sample.left_radps * self._radius_m, sample.right_radps * self._radius_m)
         if len(self._samples) < MAX_BATCH:

@@ -21,6 +21,8 @@ LinkWord = Literal["on", "doubt", "leaving"]
 
 MAIL_REPEATS = 2
 """Every link message rides on this many state messages: the radio loses some."""
+SIGHTINGS_A_MESSAGE = 6
+"""Shared sightings take turns, so that a state message stays small."""
 STILL_MPS = 0.01
 
 
@@ -46,6 +48,7 @@ class Controller:
         self._steer = steer
         self._rims = rims
         self._seq = 0
+        self._last_sighting = -1
         self._mail: list[tuple[int, LinkMessage]] = []
 
     def decide(self, view: View) -> Decision:
@@ -126,7 +129,11 @@ class Controller:
         if not self.parameters.share_sightings:
             return ()
         known = self.tasking.memory.open()
-        return tuple(Target(index=k, x_m=metres(x), y_m=metres(y)) for k, (x, y) in sorted(known.items()))
+        order = sorted(known)
+        after = [k for k in order if k > self._last_sighting] or order
+        told = after[:SIGHTINGS_A_MESSAGE]
+        self._last_sighting = told[-1] if told else -1
+        return tuple(Target(index=k, x_m=metres(known[k][0]), y_m=metres(known[k][1])) for k in told)
 
     def _post(self) -> tuple[LinkMessage, ...]:
         if self.field is None:

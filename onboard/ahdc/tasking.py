@@ -101,7 +101,8 @@ class Tasking:
         self.cloud_seen |= bool(view.targets)
         self.indicator = is_indicator(self.task, self.target, self._visible)
         near = [h.state.hops for h in view.heard.values() if not h.silent and h.state.hops < self._parameters.robots]
-        self.hops = 0 if self.indicator else min(near, default=NO_HOPS) + 1
+        leads = self.indicator or (self._field and self.task is Task.TRACKING)
+        self.hops = 0 if leads else min(near, default=NO_HOPS) + 1
         if self.hops >= self._parameters.robots:
             self.hops = NO_HOPS
 

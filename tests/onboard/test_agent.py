@@ -1,0 +1,236 @@
+"""The agent as a whole: paced by frames, deaf to far robots, still without leave, counting what it refuses."""
+
+import math
+
+import pytest
+
+from contract.arena import digest
+from contract.messages import (
+    SCHEMA_VERSION,
+    BodyPose,
+    Message,
+    MocapFrame,
+    NeighbourState,
+    Order,
+    RobotReport,
+    StationHeartbeat,
+    StepBatch,
+    StopRequest,
+    Target,
+    TargetCloud,
+    WheelFeedback,
+)
+from onboard.agent import Agent, Drive
+from onboard.pacing import Pacing
+from tests.onboard.samples import arena, state
+
+MS = 1_000_000
+PERIOD_NS = 8_333_333
+
+
+class Stage:
+    """An agent, frames at 120 Hz around it, and everything it says."""
+
+    def __init__(self, others: dict[str, tuple[float, float]] | None = None, profile: str = "field") -> None:
+        self.arena = arena(profile)
+        self.agent = Agent(self.arena, "r01", boot=7)
+        self.others = others or {}
+        self.now_ns = 1_000 * MS
+        self.frame = 0
+        self.order: Order = "disarm"
+        self.order_id = 1
+        self.beats = 0
+        self.said: list[tuple[str, Message]] = []
+        self.drives: list[Drive] = []
+        self.agent.receive(TargetCloud(mission="m", targets=(Target(index=0, x_m=1.2, y_m=0.5),)), self.now_ns)
+
+    def give(self, order: Order) -> None:
+        self.order, self.order_id = order, self.order_id + 1
+
+    def run(self, steps: int, valid: bool = True, beat: bool = True) -> None:
+        for _ in range(steps):
+            self.now_ns += PERIOD_NS
+            self.frame += 1
+            if beat:
+                self.beats += 1
+                self.agent.receive(self.heartbeat(), self.now_ns)
+            self.agent.feedback(self.feedback(), self.now_ns)
+            due = self.agent.receive(self.mocap(valid), self.now_ns)
+            drive = self.agent.step(self.now_ns) if due else self.agent.tick(self.now_ns)
+            self.agent.driver_active(drive.enable, self.now_ns)
+            self.agent.wrote(self.now_ns)
+            self.drives.append(drive)
+            self.said += self.agent.outbox(self.now_ns)
+
+    def mocap(self, valid: bool = True) -> MocapFrame:
+        places = {"r01": (0.5, 0.5)} | self.others
+        return MocapFrame(
+            session=1,
+            frame=self.frame,
+            exposure_ns=self.now_ns - 2 * MS,
+            transmit_ns=self.now_ns - 1 * MS,
+            publish_ns=self.now_ns,
+            rate_hz=120.0,
+            bodies=tuple(
+                BodyPose(robot=name, x_m=x, y_m=y, heading_rad=0.0, valid=valid or name != "r01")
+                for name, (x, y) in places.items()
+            ),
+        )
+
+    def heartbeat(self) -> StationHeartbeat:
+        return StationHeartbeat(
+            schema_version=SCHEMA_VERSION,
+            boot=1,
+            seq=self.beats,
+            stamp_ns=self.now_ns,
+            order=self.order,
+            order_id=self.order_id,
+            arena_hash=digest(self.arena),
+        )
+
+    def feedback(self) -> WheelFeedback:
+        return WheelFeedback(
+            robot="r01",
+            stamp_ns=self.now_ns,
+            left_radps=0.0,
+            right_radps=0.0,
+            left_rad=0.0,
+            right_rad=0.0,
+            enabled=True,
+        )
+
+    def start(self) -> None:
+        self.run(5)
+        self.give("arm")
+        self.run(5)
+        self.give("run")
+        self.run(30)
+
+
+@pytest.mark.parametrize("profile", ["field", "paper"])
+def test_it_moves_towards_its_target_once_armed_and_started(profile: str) -> None:
+    stage = Stage(profile=profile)
+    stage.run(10)
+    assert not any(drive.left_radps or drive.right_radps or drive.enable for drive in stage.drives)
+    stage.start()
+    assert stage.drives[-1].enable
+    assert stage.drives[-1].left_radps > 0
+    assert stage.drives[-1].right_radps > 0
+
+
+def test_stop_zeroes_at_once_latches_and_release_does_not_resume() -> None:
+    stage = Stage()
+    stage.start()
+    stage.agent.receive(StopRequest(stamp_ns=stage.now_ns, source="test", stop_id=9), stage.now_ns)
+    drive = stage.agent.tick(stage.now_ns)
+    assert (drive.left_radps, drive.right_radps) == (0.0, 0.0)
+    stage.run(30)
+    assert all((d.left_radps, d.right_radps) == (0.0, 0.0) for d in stage.drives[-30:])
+    stage.give("disarm")
+    stage.run(30)
+    assert all((d.left_radps, d.right_radps) == (0.0, 0.0) for d in stage.drives[-30:])
+    assert stage.agent.run_state == "disarmed"
+
+
+def test_no_frame_no_motion() -> None:
+    stage = Stage()
+    stage.start()
+    last = stage.now_ns
+    while stage.now_ns < last + 400 * MS:
+        stage.now_ns += 18 * MS
+        stage.beats += 1
+        stage.agent.receive(stage.heartbeat(), stage.now_ns)
+        stage.agent.feedback(stage.feedback(), stage.now_ns)
+        drive = stage.agent.tick(stage.now_ns)
+        if stage.now_ns > last + int(stage.arena.safety.pose_silence_s * 1e9) + 20 * MS:
+            assert (drive.left_radps, drive.right_radps) == (0.0, 0.0)
+
+
+def test_an_invalid_own_pose_holds_and_clears_by_itself() -> None:
+    stage = Stage()
+    stage.start()
+    stage.run(3, valid=False)
+    assert (stage.drives[-1].left_radps, stage.drives[-1].right_radps) == (0.0, 0.0)
+    assert stage.drives[-1].enable
+    stage.run(20)
+    assert stage.drives[-1].left_radps > 0
+
+
+def test_a_far_robot_changes_nothing() -> None:
+    near, far = Stage({"r02": (3.5, 4.5)}), Stage({"r02": (2.6, 3.1)})
+    for stage, place in ((near, (3.5, 4.5)), (far, (2.6, 3.1))):
+        stage.start()
+        for seq in range(1, 20):
+            message = state("r02", *place, seq=seq, claim=0, claim_at=(1.2, 0.5), occupied="1", cloud_seen=True)
+            stage.agent.receive(message, stage.now_ns)
+            stage.run(1)
+    assert near.drives == far.drives
+    texts = [[m for _, m in stage.said if isinstance(m, NeighbourState | StepBatch)] for stage in (near, far)]
+    assert texts[0] == texts[1]
+
+
+def test_a_frame_that_is_not_newer_is_counted_and_not_stepped_on() -> None:
+    stage = Stage()
+    stage.start()
+    frame = stage.mocap()
+    assert not stage.agent.receive(frame, stage.now_ns)
+    assert stage.agent.counters["frame not newer"] == 1
+
+
+def test_its_own_id_from_another_boot_is_a_fault() -> None:
+    stage = Stage()
+    stage.start()
+    stage.agent.receive(state("r01", boot=8), stage.now_ns)
+    stage.run(2)
+    assert stage.agent.run_state == "fault"
+    assert (stage.drives[-1].left_radps, stage.drives[-1].right_radps) == (0.0, 0.0)
+
+
+def test_it_reports_ten_times_a_second_with_everything_a_person_needs() -> None:
+    stage = Stage()
+    stage.run(120)
+    reports = [m for _, m in stage.said if isinstance(m, RobotReport)]
+    assert 9 <= len(reports) <= 11
+    last = reports[-1]
+    assert last.arena_hash == digest(stage.arena)
+    assert last.timing is not None
+    assert last.timing.rate_hz == pytest.approx(last.timing.nominal_hz, rel=1e-3)
+    assert last.pose_age_ms == pytest.approx(2.0)
+
+
+def test_states_go_out_at_the_state_period() -> None:
+    stage = Stage()
+    stage.run(120)
+    states = [m for _, m in stage.said if isinstance(m, NeighbourState)]
+    assert 45 <= len(states) <= 55
+    assert [s.seq for s in states] == list(range(1, len(states) + 1))
+
+
+def test_not_finite_feedback_moves_nothing() -> None:
+    stage = Stage()
+    stage.start()
+    bad = WheelFeedback(
+        robot="r01", stamp_ns=stage.now_ns + 1, left_radps=math.nan, right_radps=math.nan, left_rad=0.0, right_rad=0.0
+    )
+    stage.agent.feedback(bad, stage.now_ns)
+    drive = stage.agent.step(stage.now_ns)
+    assert math.isfinite(drive.left_radps)
+    assert math.isfinite(drive.right_radps)
+
+
+@pytest.mark.parametrize(("rate_hz", "divisor"), [(60, 1), (100, 1), (120, 1), (180, 2), (240, 2), (360, 4)])
+def test_pacing_steps_on_every_kth_frame(rate_hz: int, divisor: int) -> None:
+    pacing = Pacing(0.01, rate_hz)
+    assert pacing.divisor == divisor
+    due = [pacing.frame(1, k, rate_hz) for k in range(1, 121)]
+    assert sum(due[1:]) == pytest.approx(120 / divisor, abs=1)
+    assert pacing.misses == 0
+
+
+def test_pacing_counts_lost_frames_and_steps_on_the_next() -> None:
+    pacing = Pacing(0.01, 120.0)
+    assert pacing.frame(1, 10, 120.0)
+    assert pacing.frame(1, 13, 120.0)
+    assert pacing.misses == 2
+    assert not pacing.frame(1, 13, 120.0)
+    assert pacing.frame(2, 1, 120.0)

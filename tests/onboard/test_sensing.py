@@ -1,0 +1,101 @@
+"""The veil: nothing from farther away than r_c changes what a robot sees, hears or decides."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.messages import BodyPose, MocapFrame, Target, TargetCloud
+from onboard.odometry import Odometry, Pose, advance
+from onboard.sensing import Sensing
+from tests.onboard.samples import state
+
+MS = 1_000_000
+
+
+def frame(number: int, poses: dict[str, tuple[float, float]], invalid: tuple[str, ...] = ()) -> MocapFrame:
+    return MocapFrame(
+        session=1,
+        frame=number,
+        exposure_ns=number * 10 * MS,
+        transmit_ns=number * 10 * MS,
+        publish_ns=number * 10 * MS,
+        rate_hz=100.0,
+        bodies=tuple(
+            BodyPose(robot=name, x_m=x, y_m=y, heading_rad=0.0, valid=name not in invalid)
+            for name, (x, y) in poses.items()
+        ),
+    )
+
+
+@given(st.floats(0, 3), st.floats(-math.pi, math.pi))
+def test_only_robots_messages_and_targets_within_range_are_known(distance: float, bearing: float) -> None:
+    other = (distance * math.cos(bearing), distance * math.sin(bearing))
+    sensing = Sensing("r01", 1.0, 0.5)
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": other}))
+    sensing.cloud(TargetCloud(mission="m", targets=(Target(index=0, x_m=other[0], y_m=other[1]),)))
+    inside = math.hypot(*other) <= 1.0
+    own = Pose(0.0, 0.0, 0.0)
+    sighted = sensing.sighted(own, 10 * MS)
+    assert (set(sighted) == {"r02"}) == inside
+    assert sensing.state(state("r02", *other), 10 * MS) == inside
+    assert (set(sensing.heard(sighted, 10 * MS)) == {"r02"}) == inside
+    assert sensing.out_of_range == (0 if inside else 1)
+    if abs(math.hypot(*other) - 1.0) > 1e-9:
+        assert (set(sensing.targets(own)) == {0}) == inside
+
+
+def test_old_repeated_and_reordered_messages_are_not_heard_again() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}))
+    assert sensing.state(state("r02", seq=5), 0)
+    assert not sensing.state(state("r02", seq=5), 0)
+    assert not sensing.state(state("r02", seq=4), 0)
+    assert sensing.state(state("r02", seq=1, boot=2), 0)
+
+
+def test_an_occluded_robot_stays_where_it_was_last_seen_and_is_marked() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    places = {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}
+    sensing.frame(frame(1, places))
+    sensing.frame(frame(2, places | {"r02": (0.9, 0.9)}, invalid=("r02",)))
+    seen = sensing.sighted(Pose(0.0, 0.0, 0.0), 20 * MS)["r02"]
+    assert (seen.x_m, seen.y_m, seen.valid) == (0.5, 0.0, False)
+    assert seen.age_s == pytest.approx(0.010)
+
+
+def test_velocity_comes_from_poses() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    for k in range(1, 12):
+        sensing.frame(frame(k, {"r01": (0.0, 0.0), "r02": (0.004 * k, -0.002 * k)}))
+    seen = sensing.sighted(Pose(0.0, 0.0, 0.0), 110 * MS)["r02"]
+    assert (seen.vx_mps, seen.vy_mps) == pytest.approx((0.4, -0.2))
+
+
+def test_silence_is_marked() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}))
+    sensing.state(state("r02"), 10 * MS)
+    assert not sensing.heard(["r02"], 500 * MS)["r02"].silent
+    assert sensing.heard(["r02"], 520 * MS)["r02"].silent
+
+
+speeds = st.floats(-0.8, 0.8)
+
+
+@given(speeds, speeds, st.integers(1, 400), st.integers(1, 400))
+def test_dead_reckoning_at_constant_speed_is_the_exact_arc(
+    left: float, right: float, first_ms: int, more_ms: int
+) -> None:
+    odometry = Odometry(0.11)
+    for k in range(0, first_ms + more_ms + 10, 10):
+        odometry.record((k + 1) * MS, left, right)
+    start = Pose(1.0, 2.0, 0.5)
+    moved = odometry.predict(start, first_ms * MS, (first_ms + more_ms) * MS)
+    exact = advance(start, (left + right) / 2, (right - left) / 0.11, more_ms * 1e-3)
+    assert moved == pytest.approx(exact, abs=1e-6)
+
+
+def test_dead_reckoning_without_measurements_stays() -> None:
+    assert Odometry(0.11).predict(Pose(1.0, 2.0, 3.0), 0, 10**9) == Pose(1.0, 2.0, 3.0)

@@ -1,0 +1,103 @@
+"""COTR's field additions: yielding, choice by reachability, memory, HELP."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.messages import Help
+from onboard.ahdc.assist import LIMIT_S, PATIENCE_S, Assist
+from onboard.ahdc.cotr import Claim, reachable_target, spanning_excess_m, yields
+from onboard.ahdc.memory import TargetMemory, from_hex, to_hex
+
+coordinate = st.floats(-3, 3)
+points = st.tuples(coordinate, coordinate)
+
+
+@given(st.floats(0, 2), st.floats(0, 2))
+def test_of_two_robots_on_one_target_exactly_one_yields(mine: float, theirs: float) -> None:
+    first = yields("r01", mine, [Claim("r02", 7, theirs)], 7)
+    second = yields("r02", theirs, [Claim("r01", 7, mine)], 7)
+    assert first != second
+    assert not yields("r01", mine, [Claim("r02", 8, theirs)], 7)
+
+
+@given(st.lists(points, max_size=7), st.floats(0.1, 1))
+def test_the_spanning_excess_is_zero_for_close_points_and_frame_free(
+    cloud: list[tuple[float, float]], free: float
+) -> None:
+    excess = spanning_excess_m(cloud, free)
+    assert excess >= 0
+    moved = [(-y + 1, x - 2) for x, y in cloud]
+    assert math.isclose(spanning_excess_m(moved, free), excess, abs_tol=1e-6)
+    assert spanning_excess_m(cloud, 100.0) == 0
+
+
+@given(st.dictionaries(st.integers(0, 20), points, min_size=1), points)
+def test_without_anchors_the_nearest_target_is_chosen(
+    targets: dict[int, tuple[float, float]], own: tuple[float, float]
+) -> None:
+    chosen = reachable_target(own, targets, [], 0.98)
+    assert all(math.dist(own, targets[chosen]) <= math.dist(own, p) for p in targets.values())
+
+
+def test_a_target_that_stretches_the_swarm_costs_more_than_a_farther_one_within_it() -> None:
+    anchors = [(0.0, 0.0), (0.0, 0.8)]
+    assert reachable_target((0.5, 0.4), {0: (1.4, 0.4), 1: (-0.6, 0.4)}, anchors, 0.98) == 1
+
+
+@given(st.sets(st.integers(0, 600)))
+def test_occupied_bitmaps_survive_the_wire(indices: set[int]) -> None:
+    memory = TargetMemory()
+    for index in indices:
+        memory.occupy(index)
+    assert from_hex(to_hex(memory.occupied)) == memory.occupied
+    assert {k for k in range(601) if not memory.is_open(k)} == indices
+
+
+def test_memory_keeps_what_was_seen_until_it_is_occupied() -> None:
+    memory = TargetMemory()
+    memory.see(3, (1.0, 2.0))
+    memory.see(4, (2.0, 2.0))
+    memory.merge(1 << 3)
+    assert memory.open() == {4: (2.0, 2.0)}
+
+
+def test_help_is_asked_for_after_the_patience_and_given_up_after_the_limit() -> None:
+    assist = Assist("r02", robots=4)
+    assist.start_tracking(0.0)
+    assert not assist.track(1.0, 0.0)
+    assert not assist.track(0.9, 1.0)
+    assert not assist.track(0.89, 1.0 + PATIENCE_S)
+    assert assist.request is None
+    assert not assist.track(0.89, 1.01 + PATIENCE_S)
+    assert assist.request is not None
+    assert not assist.track(0.89, 1.0 + PATIENCE_S + LIMIT_S)
+    assert assist.track(0.89, 1.02 + PATIENCE_S + LIMIT_S)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["r01", "r03", "r04"]), st.integers(0, 5)), max_size=5))
+def test_the_lowest_id_wins_and_hops_stay_below_the_number_of_robots(heard: list[tuple[str, int]]) -> None:
+    assist = Assist("r02", robots=4)
+    assist.request = Help(robot="r02", hops=0)
+    assist.listen((f"r{k:02d}", Help(robot=robot, hops=hops)) for k, (robot, hops) in enumerate(heard, 10))
+    fitting = [(robot, hops + 1) for robot, hops in heard if hops + 1 < 4]
+    better = min((entry for entry in fitting if entry[0] < "r02"), default=None)
+    told = assist.told
+    assert told is not None
+    assert (told.robot, told.hops) == (better or ("r02", 0))
+
+
+def test_a_request_dies_out_when_its_robot_falls_silent() -> None:
+    robots = {name: Assist(name, robots=5) for name in ("r02", "r03", "r04", "r05")}
+    told: dict[str, Help | None] = {
+        "r02": Help(robot="r01", hops=1),
+        "r03": Help(robot="r01", hops=2),
+        "r04": None,
+        "r05": None,
+    }
+    for _ in range(6):
+        for name, assist in robots.items():
+            assist.listen((other, help_) for other, help_ in told.items() if other != name and help_ is not None)
+        told = {name: assist.told for name, assist in robots.items()}
+    assert set(told.values()) == {None}
