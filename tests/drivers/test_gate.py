@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.gate import Gate, GateLimits, GateState
+from drivers.gate import TOLERANCE, Gate, GateLimits, GateState
 
 LIMITS = GateLimits(max_wheel_radps=10.0, max_slew_radps2=100.0, command_age_ns=100_000_000)
 T0 = 1_000_000_000
@@ -147,10 +147,11 @@ def test_over_speed_keeps_curvature_and_is_counted(wanted: tuple[float, float], 
     assert dict(gate.counters) == {"overspeed": 1}
 
 
-def test_rounding_above_the_limit_is_shrunk_but_not_counted() -> None:
+@pytest.mark.parametrize("excess", [1 + 1e-12, TOLERANCE])
+def test_rounding_above_the_limit_is_shrunk_but_not_counted(excess: float) -> None:
     gate = gate_in(GateState.ARMED)
     gate.arm(0)
-    assert gate.permit(10.0 * (1 + 1e-12), 0.0, T0, T0)[0] == pytest.approx(10.0, rel=1e-15)
+    assert gate.permit(10.0 * excess, 0.0, T0, T0)[0] == pytest.approx(10.0, rel=1e-15)
     assert not gate.counters
 
 
