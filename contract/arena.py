@@ -6,9 +6,10 @@ Lengths in metres, angles in radians, frame as in :mod:`contract.units`.
 """
 
 import hashlib
+import itertools
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -241,7 +242,7 @@ def parse(table: dict[str, Any], source: str, wheel_check: WheelCheck | None = N
             if isinstance(robot, dict) and isinstance(robot.get("wheels"), dict):
                 faults += wheel_check(robot["wheels"], f"robots.{name}.wheels")
     if arena is not None:
-        faults += _cross_checks(arena)
+        faults += _cross_checks(arena, {fault.path.partition(".")[0] for fault in faults})
     if faults or arena is None:
         raise ArenaError(source, faults)
     return arena
@@ -270,6 +271,8 @@ def _unused_profile(table: dict[str, Any]) -> list[Fault]:
     if not isinstance(control, dict):
         return []
     profile = control.get("profile", "field")
+    if profile not in ("field", "paper"):
+        return []
     return [
         Fault(f"control.{other}", "", f'not used by profile "{profile}"; remove the section')
         for other in ("field", "paper")
@@ -277,83 +280,80 @@ def _unused_profile(table: dict[str, Any]) -> list[Fault]:
     ]
 
 
-def _cross_checks(arena: Arena) -> list[Fault]:
-    """What no single key shows: relations between keys, each named by the key to change."""
-    faults: list[Fault] = []
+def _cross_checks(arena: Arena, faulty: set[str]) -> list[Fault]:
+    """What no single key shows: relations between keys, each named by the key to change.
 
-    def fault(path: str, value: object, allowed: str, hint: str = "") -> None:
-        faults.append(Fault(path, show(value), allowed, hint))
+    A relation is left out while one of its sections is ``faulty`` in itself: it would be judged on defaults.
+    """
+    checks: list[tuple[set[str], Callable[[Arena], Iterator[Fault]]]] = [
+        ({"control", "platform"}, _control_checks),
+        ({"arena", "platform"}, _floor_checks),
+        ({"arena", "control"}, _robot_checks),
+        ({"arena", "targets"}, _target_checks),
+        ({"safety"}, _safety_checks),
+    ]
+    return [fault for sections, check in checks if not sections & faulty for fault in check(arena)]
 
-    control, floor, safety = arena.control, arena.arena, arena.safety
-    if not arena.robots:
-        fault("robots", "", "at least one robot is needed: [robots.r01]")
+
+def _control_checks(arena: Arena) -> Iterator[Fault]:
+    control, diameter_m = arena.control, arena.platform.diameter_m
+    r_n = control.noncritical_radius_m
     if not control.critical_margin_m < control.sensing_radius_m:
-        fault(
-            "control.critical_margin_m",
-            control.critical_margin_m,
-            "must be below sensing_radius_m (r_n = r_c - epsilon > 0)",
-        )
-    elif not control.avoidance_radius_m < control.noncritical_radius_m:
-        fault(
-            "control.avoidance_radius_m",
-            control.avoidance_radius_m,
-            f"must be below r_n = r_c - epsilon = {control.noncritical_radius_m:g}",
-        )
-    if control.avoidance_radius_m < arena.platform.diameter_m:
-        fault(
-            "control.avoidance_radius_m",
-            control.avoidance_radius_m,
-            f"must be at least platform.diameter_m = {arena.platform.diameter_m:g}",
-        )
-    for name, interval in (
-        ("brake_deceleration_mps2", control.field.brake_deceleration_mps2),
-        ("motor_lag_s", control.field.motor_lag_s),
-    ):
-        if interval[0] > interval[1]:
-            fault(f"control.field.{name}", list(interval), "must be [low, high] with low <= high")
-    if 2 * floor.fence_m + arena.platform.diameter_m >= min(floor.size_m):
-        fault("arena.fence_m", floor.fence_m, f"leaves no floor of {floor.size_m[0]:g} x {floor.size_m[1]:g} m")
-    faults += _robot_checks(arena)
-    for index, point in enumerate(arena.targets.points):
-        if not _inside(point, floor):
-            fault(f"targets.points[{index}]", list(point), _floor_text(floor))
-    if safety.battery_critical_v > safety.battery_low_v:
-        fault("safety.battery_critical_v", safety.battery_critical_v, "must not exceed safety.battery_low_v")
-    return faults
+        text = "must be below sensing_radius_m (r_n = r_c - epsilon > 0)"
+        yield Fault("control.critical_margin_m", show(control.critical_margin_m), text)
+    elif not control.avoidance_radius_m < r_n:
+        text = f"must be below r_n = r_c - epsilon = {r_n:g}"
+        yield Fault("control.avoidance_radius_m", show(control.avoidance_radius_m), text)
+    if control.avoidance_radius_m < diameter_m:
+        text = f"must be at least platform.diameter_m = {diameter_m:g}"
+        yield Fault("control.avoidance_radius_m", show(control.avoidance_radius_m), text)
+    for name in ("brake_deceleration_mps2", "motor_lag_s"):
+        low, high = getattr(control.field, name)
+        if low > high:
+            yield Fault(f"control.field.{name}", show([low, high]), "must be [low, high] with low <= high")
 
 
-def _robot_checks(arena: Arena) -> list[Fault]:
-    faults: list[Fault] = []
-    bodies: dict[str, str] = {}
+def _floor_checks(arena: Arena) -> Iterator[Fault]:
     floor = arena.arena
-    names = list(arena.robots)
+    if 2 * floor.fence_m + arena.platform.diameter_m >= min(floor.size_m):
+        text = f"leaves no floor of {floor.size_m[0]:g} x {floor.size_m[1]:g} m"
+        yield Fault("arena.fence_m", show(floor.fence_m), text)
+
+
+def _target_checks(arena: Arena) -> Iterator[Fault]:
+    for index, point in enumerate(arena.targets.points):
+        if not _inside(point, arena.arena):
+            yield Fault(f"targets.points[{index}]", show(list(point)), _floor_text(arena.arena))
+
+
+def _safety_checks(arena: Arena) -> Iterator[Fault]:
+    safety = arena.safety
+    if safety.battery_critical_v > safety.battery_low_v:
+        text = "must not exceed safety.battery_low_v"
+        yield Fault("safety.battery_critical_v", show(safety.battery_critical_v), text)
+
+
+def _robot_checks(arena: Arena) -> Iterator[Fault]:
+    bodies: dict[str, str] = {}
+    floor, least_m = arena.arena, arena.control.avoidance_radius_m
+    if not arena.robots:
+        yield Fault("robots", "", "at least one robot is needed: [robots.r01]")
     for name, robot in arena.robots.items():
         path = join("robots", name)
         if robot.body in bodies:
-            faults.append(Fault(f"{path}.body", show(robot.body), f"already the body of {bodies[robot.body]}"))
+            yield Fault(f"{path}.body", show(robot.body), f"already the body of {bodies[robot.body]}")
         bodies.setdefault(robot.body, name)
         if not _inside(robot.start, floor):
-            faults.append(Fault(f"{path}.start", show(list(robot.start)), _floor_text(floor)))
+            yield Fault(f"{path}.start", show(list(robot.start)), _floor_text(floor))
         if not isinstance(robot.wheels.get("kind"), str):
-            faults.append(
-                Fault(
-                    f"{path}.wheels.kind",
-                    show(robot.wheels.get("kind", "")),
-                    'needs the controller family, such as "odrive"',
-                )
-            )
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            gap = math.dist(arena.robots[first].start, arena.robots[second].start)
-            if gap < arena.control.avoidance_radius_m:
-                faults.append(
-                    Fault(
-                        f"robots.{second}.start",
-                        show(list(arena.robots[second].start)),
-                        f"is {gap:.2f} m from {first}; at least {arena.control.avoidance_radius_m:g} m (control.avoidance_radius_m) needed",
-                    )
-                )
-    return faults
+            text = 'needs the controller family, such as "odrive"'
+            yield Fault(f"{path}.wheels.kind", show(robot.wheels.get("kind", "")), text)
+    for first, second in itertools.combinations(arena.robots, 2):
+        start = arena.robots[second].start
+        gap_m = math.dist(arena.robots[first].start, start)
+        if gap_m < least_m:
+            text = f"is {gap_m:.2f} m from {first}; at least {least_m:g} m (control.avoidance_radius_m) needed"
+            yield Fault(f"robots.{second}.start", show(list(start)), text)
 
 
 def _inside(point: Point, floor: Floor) -> bool:

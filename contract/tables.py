@@ -33,13 +33,15 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def read_table(kind: type[Any], table: object, path: str, faults: list[Fault]) -> Any:
-    """``table`` as a ``kind`` (a Struct), or None after appending what is wrong to ``faults``."""
+    """``table`` as a ``kind`` (a Struct), after appending all that is wrong to ``faults``.
+
+    A faulty value stands at its default, so that the rest can be checked; None where a required one is faulty.
+    """
     if not isinstance(table, dict):
         faults.append(Fault(path, show(table), "a table is needed here"))
         return None
     fields = {field.name: field for field in msgspec.structs.fields(kind)}
     hints = get_type_hints(kind, include_extras=True)
-    before = len(faults)
     for key in table:
         if key not in fields:
             known = sorted(fields)
@@ -48,10 +50,13 @@ def read_table(kind: type[Any], table: object, path: str, faults: list[Fault]) -
     values = {}
     for name, field in fields.items():
         if name in table:
-            values[name] = read_value(hints[name], table[name], join(path, name), faults)
+            value = read_value(hints[name], table[name], join(path, name), faults)
+            if value is not None:
+                values[name] = value
         elif field.required:
             faults.append(Fault(join(path, name), "", f"missing; needs {describe(hints[name])}"))
-    return kind(**values) if len(faults) == before else None
+    complete = all(name in values for name, field in fields.items() if field.required)
+    return kind(**values) if complete else None
 
 
 def read_value(hint: Any, value: object, path: str, faults: list[Fault]) -> Any:
@@ -69,7 +74,8 @@ def read_value(hint: Any, value: object, path: str, faults: list[Fault]) -> Any:
                 msgspec.convert(key, name_hint)
             except msgspec.ValidationError:
                 faults.append(Fault(join(path, str(key)), "", f"bad name; needs {describe(name_hint)}"))
-        return {key: read_table(item, entry, join(path, str(key)), faults) for key, entry in value.items()}
+        entries = {key: read_table(item, entry, join(path, str(key)), faults) for key, entry in value.items()}
+        return {key: entry for key, entry in entries.items() if entry is not None}
     try:
         return msgspec.convert(value, hint, strict=True)
     except msgspec.ValidationError as error:
