@@ -10,7 +10,6 @@ import contextlib
 import json
 import os
 import select
-import signal
 import socket
 import sys
 import time
@@ -18,8 +17,11 @@ import tty
 from pathlib import Path
 from typing import Any
 
+import zenoh
+
 from contract import network
 from groundstation.rig import REALTIME_NICENESS
+from mocap_bridge.network import open_session, publisher
 
 DATAGRAM_BYTES = 900
 COMMAND_BYTES = 44
@@ -27,38 +29,18 @@ COMMAND_BYTES = 44
 KEY = "bare/frame"
 
 
-def session(settings: network.Settings) -> Any:
-    os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
-    import zenoh
-
+def client(endpoint: str) -> zenoh.Session:
     config = zenoh.Config()
-    for key, value in settings:
+    for key, value in network.client_config(endpoint):
         config.insert_json5(key, value)
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
-    try:
-        return zenoh.open(config)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-
-
-def publisher(opened: Any, key: str) -> Any:
-    import zenoh
-
-    qos = network.QOS["mocap_frame"]
-    return opened.declare_publisher(
-        key,
-        priority=getattr(zenoh.Priority, qos.priority),
-        congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
-        reliability=getattr(zenoh.Reliability, qos.reliability),
-        express=qos.express,
-    )
+    return zenoh.open(config)
 
 
 def bridge(endpoint: str, port: int) -> None:
     inlet = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     inlet.bind(("127.0.0.1", port))
-    with session(network.router_config(endpoint)) as opened:
-        outlet = publisher(opened, KEY)
+    with open_session(endpoint) as opened:
+        outlet = publisher(opened, KEY, "mocap_frame")
         print("READY bridge", flush=True)
         while True:
             outlet.put(inlet.recv(4096))
@@ -72,7 +54,7 @@ def agent(endpoint: str, path: str) -> None:
         slot[0] = sample.payload.to_bytes()
         os.eventfd_write(event, 1)
 
-    with session(network.client_config(endpoint)) as opened:
+    with client(endpoint) as opened:
         opened.declare_subscriber(KEY, store)
         line = os.open(path, os.O_RDWR | os.O_NOCTTY)
         poll = select.poll()

@@ -9,18 +9,9 @@ from drivers.base import DiffDrive, DriverError, LinkLost, WheelSpeeds
 REOPEN_NS = 250_000_000
 LOOK_NS = 50_000_000
 GARBLED_NS = 250_000_000
-LINE_ERRORS = (
-    "slcan_garbage",
-    "slcan_refused",
-    "error_frame",
-    "discarded_bytes",
-    "stray_bytes",
-    "bad_crc",
-    "bad_ack",
-    "no_reply",
-    "send_dropped",
-)
-"""Driver counters that say the line damages bytes; a foreign frame on a shared bus is none of them."""
+LINE_ERRORS = ("slcan_garbage", "slcan_refused", "error_frame", "bad_crc")
+"""Driver counters that say the line damages bytes. A foreign frame on a shared bus is none of them, and
+neither is a late or missing reply: that is silence, which the supervisor judges by the age of the feedback."""
 
 
 class Listener(Protocol):

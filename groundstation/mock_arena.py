@@ -72,15 +72,18 @@ class MockArena:
         for number in (*wheel_fds, *shell.fds()):
             poll.register(number, select.EPOLLIN)
         while self._running:
-            for number, _ in poll.poll(self._wait_s()):
+            device_ns = self._wheels.next_due_ns()
+            for number, _ in poll.poll(self._wait_s(device_ns)):
                 now_ns = time.monotonic_ns()
                 if number in wheel_fds:
                     self._wheels.on_readable(number, now_ns)
                 else:
                     shell.on_readable(number, now_ns)
             now_ns = time.monotonic_ns()
-            self._wheels.advance(now_ns)
-            if now_ns >= self._server.next_due_ns:
+            frame_due = now_ns >= self._server.next_due_ns
+            if frame_due or (device_ns is not None and now_ns >= device_ns):
+                self._wheels.advance(now_ns)
+            if frame_due:
                 if ("udp", "dropped") in self._faults:
                     self._server.stream(now_ns, self._poses())
                 else:
@@ -95,9 +98,8 @@ class MockArena:
                 wheel_fds = fds
         poll.close()
 
-    def _wait_s(self) -> float:
+    def _wait_s(self, device_ns: int | None) -> float:
         due = [self._server.next_due_ns, self._batch_due_ns]
-        device_ns = self._wheels.next_due_ns()
         if device_ns is not None:
             due.append(device_ns)
         return max(0.0, (min(due) - time.monotonic_ns()) / 1e9)

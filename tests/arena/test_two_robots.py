@@ -88,6 +88,6 @@ def test_wire_to_the_motors(two: Running, robot: str) -> None:
         return min(sum(device.values()), count(two, robot, "driver_") - count(two, robot, "driver_gate"))
 
     stops_and_counts(two, (robot,), refused)
-    assert two.reports[robot].run in ("fault", "stopped")
+    two.until(lambda: two.reports[robot].run in ("fault", "stopped"), "it latches", 5.0)
     assert two.reports[robot].reason
     restart(two)
