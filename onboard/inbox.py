@@ -4,8 +4,9 @@ A Zenoh callback only stores bytes and wakes the loop; it never decodes and neve
 control step cannot delay a stop that arrives behind other traffic.
 """
 
+import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from contract.codec import WireError, decode
 from contract.keys import Keys
@@ -15,9 +16,13 @@ from contract.messages import Message
 class Inbox:
     """Latest-wins slots. ``put`` may be called from any thread, the rest from the loop only."""
 
-    def __init__(self, urgency: Mapping[str, int]) -> None:
-        """:param urgency: key to rank; the smallest is taken first."""
+    def __init__(self, urgency: Mapping[str, int], quiet: Collection[str] = ()) -> None:
+        """
+        :param urgency: key to rank; the smallest is taken first.
+        :param quiet: keys that wait for the next waking: what only a control step looks at need not wake the loop.
+        """
         self._slots: dict[str, bytes] = {}
+        self._quiet = frozenset(quiet)
         self._urgency = dict(urgency)
         self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
@@ -27,17 +32,16 @@ class Inbox:
 
     def put(self, key: str, payload: bytes) -> None:
         self._slots[key] = payload
-        self.wake()
+        if key not in self._quiet:
+            self.wake()
 
     def wake(self) -> None:
         os.eventfd_write(self._event, 1)
 
     def take(self) -> list[tuple[str, bytes]]:
         """Everything that waits, most urgent first; nothing that arrives meanwhile is lost."""
-        try:
+        with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._event)
-        except BlockingIOError:
-            return []
         keys = sorted(self._slots.copy(), key=lambda key: self._urgency.get(key, len(self._urgency)))
         return [(key, self._slots.pop(key)) for key in keys]
 

@@ -2,7 +2,8 @@
 
 Order of work: decode, control step, bus write; feedback, telemetry requests and publishing follow
 two milliseconds later, so that one robot's housekeeping never delays another robot's command on a
-shared computer. With nothing arriving the same poll ticks the agent at 50 Hz or more.
+shared computer. With nothing arriving the same poll ticks the agent at 50 Hz or more. Only poses and
+orders wake the loop: neighbours' states and wheel feedback are of use to the next control step alone.
 """
 
 import gc
@@ -51,13 +52,12 @@ class Runtime:
         self._robot = robot
         self._agent = agent
         self._urgency = subscriptions(arena)
-        self._inbox = Inbox(self._urgency)
+        self._inbox = Inbox(self._urgency, quiet=[self._keys.state(name) for name in arena.robots])
         self._wheels = Wheels(driver, agent)
         self._arena = arena
         self._publishers: dict[str, Any] = {}
         self._stopping = False
         self._logged_ns: dict[str, int] = {}
-        self._watched = -1
         self._state = "disarmed"
         self._counted_ns = 0
         self._poll = select.poll()
@@ -120,7 +120,6 @@ class Runtime:
             wake_ns = ran_ns + TICK_NS
             if housekeeping_ns:
                 wake_ns = min(wake_ns, housekeeping_ns)
-            self._watch_driver()
             self._poll.poll(max(0, wake_ns - now_ns) / 1e6)
             now_ns = time.monotonic_ns()
             due, urgent = self._receive(now_ns)
@@ -129,7 +128,6 @@ class Runtime:
                 ran_ns = now_ns
                 self._apply(drive, due)
                 housekeeping_ns = housekeeping_ns or now_ns + HOUSEKEEPING_NS
-            self._wheels.listen(time.monotonic_ns())
             if housekeeping_ns and now_ns >= housekeeping_ns:
                 housekeeping_ns = 0
                 self._keep_house(now_ns)
@@ -155,6 +153,7 @@ class Runtime:
             self._agent.wrote(time.monotonic_ns())
 
     def _keep_house(self, now_ns: int) -> None:
+        self._wheels.listen(time.monotonic_ns())
         self._wheels.ask(time.monotonic_ns())
         state = self._agent.run_state
         if state == "disarmed":
@@ -167,17 +166,6 @@ class Runtime:
             )
         for key, message in self._agent.outbox(now_ns):
             self._publishers[key].put(encode(message))
-
-    def _watch_driver(self) -> None:
-        number = self._wheels.driver.fileno() if self._wheels.ready else None
-        current = -1 if number is None else number
-        if current == self._watched:
-            return
-        if self._watched >= 0:
-            self._poll.unregister(self._watched)
-        if current >= 0:
-            self._poll.register(current, select.POLLIN)
-        self._watched = current
 
     def _log(self, level: str, event: str, text: str, now_ns: int) -> None:
         if now_ns - self._logged_ns.get(event, -LOG_EVERY_NS) < LOG_EVERY_NS:

@@ -35,6 +35,18 @@ def test_newest_payload_of_each_key_most_urgent_first(inbox: Inbox) -> None:
     assert inbox.take() == []
 
 
+def test_a_quiet_key_waits_for_the_next_waking() -> None:
+    inbox = Inbox({"frame": 0}, quiet=["state"])
+    inbox.put("state", b"1")
+    assert not ready(inbox)
+    assert inbox.take() == [("state", b"1")]
+    inbox.put("state", b"2")
+    inbox.put("frame", b"1")
+    assert ready(inbox)
+    assert inbox.take() == [("frame", b"1"), ("state", b"2")]
+    inbox.close()
+
+
 def test_waking_brings_nothing(inbox: Inbox) -> None:
     inbox.wake()
     assert ready(inbox)
