@@ -5,8 +5,6 @@ Three feeders drive the same object: the runtime (real clock), ``simulate`` (loc
 
 from typing import Literal, NamedTuple
 
-import msgspec
-
 from contract.arena import Arena, digest
 from contract.keys import Keys
 from contract.messages import (
@@ -27,7 +25,7 @@ from contract.messages import (
     WheelFeedback,
 )
 from onboard import unicycle
-from onboard.ahdc.controller import Controller
+from onboard.ahdc.controller import Controller, LinkWord
 from onboard.ahdc.parameters import from_arena
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.view import View
@@ -93,7 +91,14 @@ class Agent:
         self._commanded = (0.0, 0.0)
         self.counters: dict[str, int] = {}
         self._steps: list[RobotStep] = []
-        self._pending_step: RobotStep | None = None
+        self._view: View | None = None
+        """Of the last step, until it has been thought about."""
+        self._stepped: MocapFrame | None = None
+        self._step_ns = 0
+        self._write_ns = 0
+        self._waits = ""
+        self._link_states: dict[str, LinkWord] = {}
+        self._links: tuple[LinkState, ...] = ()
         self._samples: list[WheelFeedback] = []
         self._logs: list[LogEntry] = []
         self._next_state_ns = 0
@@ -174,7 +179,9 @@ class Agent:
             start_direction_rad=self._start_direction,
             may_move=verdict.may_move,
         )
-        decision = self.controller.decide(view)
+        if self.controller.paper is not None:
+            self.controller.think(view)
+        decision = self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
         around = [Neighbour(s.x_m, s.y_m, s.vx_mps, s.vy_mps, s.age_s) for s in sighted.values()]
         limited = limit(speed, turn, (pose.x_m, pose.y_m, pose.heading_rad), (left, right), around, self._bounds)
@@ -184,7 +191,9 @@ class Agent:
             rims = unicycle.rims(limited.v_mps, limited.omega_radps, self._separation_m, self._parameters.max_speed_mps)
         self._commanded = rims
         self._drive = Drive(verdict.enable, rims[0] / self._radius_m, rims[1] / self._radius_m)
-        self._note_step(now_ns, waits)
+        self.pacing.stepped(now_ns)
+        self._view, self._stepped = view, self._frame
+        self._step_ns, self._write_ns, self._waits = now_ns, now_ns, waits
         return self._drive
 
     def tick(self, now_ns: int) -> Drive:
@@ -196,13 +205,21 @@ class Agent:
 
     def wrote(self, write_ns: int) -> None:
         """The bus write of the last step has returned."""
-        if self._pending_step is not None:
-            if len(self._steps) < MAX_BATCH:
-                self._steps.append(msgspec.structs.replace(self._pending_step, write_ns=write_ns))
-            self._pending_step = None
+        self._write_ns = write_ns
+
+    def think(self) -> None:
+        """After a step's command is out: tasks and links for the next one, and the record of this one."""
+        view, self._view = self._view, None
+        if view is None:
+            return
+        if self.controller.paper is None:
+            self.controller.think(view)
+        if self._stepped is not None and len(self._steps) < MAX_BATCH:
+            self._steps.append(self._record(self._stepped))
 
     def outbox(self, now_ns: int) -> list[tuple[str, Message]]:
-        """(key, message) due now."""
+        """(key, message) due now. Thinks first, where a step has not been thought about yet."""
+        self.think()
         out: list[tuple[str, Message]] = []
         own = self.sensing.own()
         if own is not None and now_ns >= self._next_state_ns:
@@ -289,25 +306,24 @@ class Agent:
         self._drive = Drive(verdict.enable, 0.0, 0.0)
         return self._drive
 
-    def _note_step(self, now_ns: int, waits: str) -> None:
-        self.pacing.stepped(now_ns)
-        frame = self._frame
-        if frame is None:
-            return
+    def _record(self, frame: MocapFrame) -> RobotStep:
         tasking = self.controller.tasking
-        links = tuple(LinkState(other=name, state=state) for name, state in self.controller.link_states().items())
-        self._pending_step = RobotStep(
+        states = self.controller.link_states()
+        if states != self._link_states:
+            self._link_states = states
+            self._links = tuple(LinkState(other=name, state=state) for name, state in states.items())
+        return RobotStep(
             robot=self.robot,
             frame=frame.frame,
             exposure_ns=frame.exposure_ns,
-            step_ns=now_ns,
-            write_ns=now_ns,
+            step_ns=self._step_ns,
+            write_ns=self._write_ns,
             left_radps=round(self._drive.left_radps, 5),
             right_radps=round(self._drive.right_radps, 5),
-            links=links,
+            links=self._links,
             task="helping" if tasking.helping else tasking.task.value,
             claim=-1 if tasking.claim is None else tasking.claim,
-            waits=waits,
+            waits=self._waits,
         )
 
     def _report(self, now_ns: int, verdict: Verdict) -> RobotReport:

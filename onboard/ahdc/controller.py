@@ -15,7 +15,7 @@ from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.plan import Motion, Planner
 from onboard.ahdc.stopping import stop_tables
 from onboard.ahdc.tasking import Tasking
-from onboard.ahdc.view import Decision, View
+from onboard.ahdc.view import Decision, Goal, View
 
 LinkWord = Literal["on", "doubt", "leaving"]
 
@@ -27,7 +27,11 @@ STILL_MPS = 0.01
 
 
 class Controller:
-    """One robot's law in either profile; :meth:`decide` then :meth:`announce`, once a step."""
+    """One robot's law in either profile: :meth:`think` and :meth:`act` once a step, :meth:`announce` when due.
+
+    The ``paper`` profile thinks first and then acts, as algorithm 1 stands. The ``field`` profile acts on the
+    newest poses at once and thinks afterwards, so that a goal is one step old and the command is not late.
+    """
 
     def __init__(
         self,
@@ -47,16 +51,20 @@ class Controller:
         self.planner = self.field.planner if self.field else Planner(parameters, stop_tables(parameters), period_s)
         self._steer = steer
         self._rims = rims
+        self._goal: Goal | None = None
         self._seq = 0
         self._last_sighting = -1
         self._mail: list[tuple[int, LinkMessage]] = []
 
-    def decide(self, view: View) -> Decision:
-        """Rim speeds for this step: goal from algorithm 2, motion from the profile's law, or stop."""
-        tasking = self.tasking
+    def think(self, view: View) -> None:
+        """Algorithm 1, line 1: the goal from algorithm 2; in the ``field`` profile also the links."""
         if self.field is not None:
             self.field.keep_links(view)
-        goal = tasking.update(view)
+        self._goal = self.tasking.update(view)
+
+    def act(self, view: View) -> Decision:
+        """Algorithm 1, lines 2-12: rim speeds towards the goal by the profile's law, or stop."""
+        goal, tasking = self._goal, self.tasking
         reason = "" if goal is not None and goal.why == "target" else goal.why if goal is not None else "hold"
         if self.paper is not None:
             u = self.paper.velocity(view, goal)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
 from onboard.ahdc.links import Link, LinkTable
 from onboard.ahdc.parameters import Parameters, Vector
-from onboard.ahdc.plan import CONTACT_M, Command, Partner, Planner, enforced_radius_m, make_disc
+from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, Command, Partner, Planner, Room
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_tables
 from onboard.ahdc.view import Goal, View
 
@@ -22,6 +22,10 @@ MAX_AGE_S = 0.5
 """A stop point is not carried on for longer than this."""
 REMOVAL_PAUSE_S = 0.1
 ON_THE_SPOT_RADPS = 6.0
+SAME_PLACE_M = 1e-4
+"""Stop points nearer to each other than this are one hypothesis."""
+FACED_RADPS = 0.1
+"""A robot at rest that would turn slower than this faces its next target well enough."""
 
 Steer = Callable[[Vector, float], tuple[float, float]]
 
@@ -105,8 +109,11 @@ class FieldLaw:
             state = heard.state
             carry_s = min(heard.age_s, MAX_AGE_S)
             dx, dy = state.vx_mps * carry_s, state.vy_mps * carry_s
-            long = (state.stop_long, (state.stop_long[0] + dx, state.stop_long[1] + dy))
-            short = (state.stop_short, (state.stop_short[0] + dx, state.stop_short[1] + dy))
+            long: tuple[Vector, ...] = (state.stop_long,)
+            short: tuple[Vector, ...] = (state.stop_short,)
+            if abs(dx) + abs(dy) > SAME_PLACE_M:
+                long = (state.stop_long, (state.stop_long[0] + dx, state.stop_long[1] + dy))
+                short = (state.stop_short, (state.stop_short[0] + dx, state.stop_short[1] + dy))
             resting = not state.moving and not heard.silent
             partners.append(Partner(name, enforced, x, y, long, short, heard.age_s, resting))
         return partners
@@ -121,61 +128,64 @@ class FieldLaw:
 
     def command(self, view: View, goal: Goal | None, facing: Vector | None) -> Command:
         """Rim speeds towards the goal; without one, rest, and once at rest turn towards ``facing``."""
-        partners = self.partners(view)
         motion = view.motion
-        own = (motion.x_m, motion.y_m)
-        u = self.velocity(view, goal, partners) if goal is not None and self.joined else (0.0, 0.0)
-        if u == (0.0, 0.0):
-            slow = abs(motion.left_mps + motion.right_mps) / 2 < 0.005
+        if goal is None or not self.joined:
+            slow = abs(motion.left_mps + motion.right_mps) / 2 < TURNING_STOP_MPS
             if facing is None or not slow:
                 return Command(0.0, 0.0, "")
+            own = (motion.x_m, motion.y_m)
             _, turn = self._steer((facing[0] - own[0], facing[1] - own[1]), motion.heading_rad)
-            return self.planner.choose(motion, 0.0, clip(turn), partners)
+            if abs(turn) < FACED_RADPS:
+                return Command(0.0, 0.0, "")
+            return self.planner.choose(self.planner.room(motion, self.partners(view)), 0.0, clip(turn))
+        partners = self.partners(view)
+        room = self.planner.room(motion, partners)
+        u = self.velocity(goal, room, partners)
+        if u == (0.0, 0.0):
+            return Command(0.0, 0.0, "")
         speed, turn = self._steer(u, motion.heading_rad)
-        return self.planner.choose(motion, speed, clip(turn), partners)
+        return self.planner.choose(room, speed, clip(turn))
 
-    def velocity(self, view: View, goal: Goal, partners: Sequence[Partner]) -> Vector:
+    def velocity(self, goal: Goal, room: Room, partners: Sequence[Partner]) -> Vector:
         """Eq. 12 without cohesion, kept out of head-on courses and inside the link discs."""
         p = self._parameters
-        own = (view.motion.x_m, view.motion.y_m)
+        own = (room.motion.x_m, room.motion.y_m)
         left_m = math.dist(own, goal.point) - goal.stop_short_m
         if left_m <= 0.0:
             return (0.0, 0.0)
         share = min(1.0, speed_for_stop_mps(left_m, self._approach) / p.max_speed_mps)
         wanted = alignment(own, goal.point)
         near = [(partner.x_m, partner.y_m) for partner in partners]
-        parts = ((0.0, 0.0), separation(own, near, wanted, p.avoidance_radius_m), alignment(own, goal.point, share))
+        aligned = (wanted[0] * share, wanted[1] * share)
+        parts = ((0.0, 0.0), separation(own, near, wanted, p.avoidance_radius_m), aligned)
         u = velocity(parts, (0.0, p.separation_weight, p.alignment_weight), p.max_speed_mps)
         u = keep_closing_slow(u, own, partners)
-        return self._into_discs(u, view, partners)
+        return into_discs(u, room)
 
-    def _into_discs(self, u: Vector, view: View, partners: Sequence[Partner]) -> Vector:
-        """The velocity nearest to ``u`` whose way in T_p stays in every link disc, by cyclic projection."""
-        start = self.planner.brake_points(view.motion)[0]
-        discs = []
-        for partner in partners:
-            if partner.enforced:
-                diameter = enforced_radius_m(self._parameters, partner.age_s)
-                for point in partner.long_stops:
-                    disc = make_disc(start, point, diameter)
-                    if disc.inside:
-                        discs.append((disc.middle, disc.radius_m))
-                    else:
-                        discs.append((disc.partner, disc.gap_m))
-        x, y = start[0] + u[0] * LOOK_AHEAD_S, start[1] + u[1] * LOOK_AHEAD_S
-        for _ in range(4):
-            moved = False
-            for (cx, cy), radius in discs:
-                distance = math.hypot(x - cx, y - cy)
-                if distance > radius:
-                    x, y = cx + (x - cx) * radius / distance, cy + (y - cy) * radius / distance
-                    moved = True
-            if not moved:
-                break
-        new = ((x - start[0]) / LOOK_AHEAD_S, (y - start[1]) / LOOK_AHEAD_S)
-        if new[0] * u[0] + new[1] * u[1] <= 0.0:
-            return (0.0, 0.0)
-        return saturate(new, math.hypot(*u))
+
+def into_discs(u: Vector, room: Room) -> Vector:
+    """The velocity nearest to ``u`` whose way in T_p stays in every link disc, by cyclic projection."""
+    start = room.brakes[0]
+    move_m = math.hypot(*u) * LOOK_AHEAD_S
+    discs = [
+        (disc.middle, disc.radius_m) if disc.inside else (disc.partner, disc.gap_m)
+        for disc in (*room.long, *room.far)
+        if disc.gap_m + 2 * move_m > 2 * disc.radius_m
+    ]
+    x, y = start[0] + u[0] * LOOK_AHEAD_S, start[1] + u[1] * LOOK_AHEAD_S
+    for _ in range(4 if discs else 0):
+        moved = False
+        for (cx, cy), radius in discs:
+            distance = math.hypot(x - cx, y - cy)
+            if distance > radius:
+                x, y = cx + (x - cx) * radius / distance, cy + (y - cy) * radius / distance
+                moved = True
+        if not moved:
+            break
+    new = ((x - start[0]) / LOOK_AHEAD_S, (y - start[1]) / LOOK_AHEAD_S)
+    if new[0] * u[0] + new[1] * u[1] <= 0.0:
+        return (0.0, 0.0)
+    return saturate(new, math.hypot(*u))
 
 
 def keep_closing_slow(u: Vector, own: Vector, partners: Sequence[Partner]) -> Vector:

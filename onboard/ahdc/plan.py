@@ -28,6 +28,8 @@ TURNING_STOP_MPS = 0.005
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of the wanted speed tried first; the interval of the first that passes is halved further."""
 REFINEMENTS = 2
+MOVE_SHARE = 10.0
+"""In one period a stop point moves by less than this many u_max T: farther discs cannot bind."""
 
 
 class Motion(NamedTuple):
@@ -76,6 +78,20 @@ class Keepout(NamedTuple):
 
     centre: Vector
     radius_m: float
+
+
+class Room(NamedTuple):
+    """Where a robot may come to rest at one step."""
+
+    motion: Motion
+    brakes: tuple[Vector, Vector]
+    """(long, short) resting places after braking at once."""
+    long: list[Disc]
+    short: list[Disc]
+    """Discs near enough to bind within one period."""
+    far: list[Disc]
+    """The long discs that are not: they matter only to a velocity that looks farther ahead."""
+    keepouts: list[Keepout]
 
 
 class Command(NamedTuple):
@@ -141,16 +157,24 @@ class Planner:
             self._end(motion, self._stops.short.place(*motion[3:])),
         )
 
-    def discs(self, brakes: tuple[Vector, Vector], partners: Sequence[Partner]) -> tuple[list[Disc], list[Disc]]:
-        """Discs of all enforced links for the long and the short model."""
+    def room(self, motion: Motion, partners: Sequence[Partner]) -> Room:
+        """Discs of all enforced links for the long and the short model, and keep-outs of all robots."""
+        brakes = self.brake_points(motion)
+        reach_m = MOVE_SHARE * self._parameters.max_speed_mps * self.period_s
         long: list[Disc] = []
         short: list[Disc] = []
+        far: list[Disc] = []
         for partner in partners:
             if partner.enforced:
                 diameter = enforced_radius_m(self._parameters, partner.age_s)
-                long += [make_disc(brakes[0], point, diameter) for point in partner.long_stops]
-                short += [make_disc(brakes[1], point, diameter) for point in partner.short_stops]
-        return long, short
+                slack_m = diameter - 2 * reach_m
+                for point in partner.long_stops:
+                    disc = make_disc(brakes[0], point, diameter)
+                    (long if disc.gap_m > slack_m else far).append(disc)
+                for point in partner.short_stops:
+                    if math.dist(brakes[1], point) > slack_m:
+                        short.append(make_disc(brakes[1], point, diameter))
+        return Room(motion, brakes, long, short, far, self.keepouts(motion, brakes, partners))
 
     def keepouts(self, motion: Motion, brakes: tuple[Vector, Vector], partners: Sequence[Partner]) -> list[Keepout]:
         """Circles of half the gap around every other robot's pose and stop points."""
@@ -171,24 +195,21 @@ class Planner:
                 circles.append(Keepout(point, radius))
         return circles
 
-    def choose(self, motion: Motion, speed_mps: float, turn_rate_radps: float, partners: Sequence[Partner]) -> Command:
+    def choose(self, room: Room, speed_mps: float, turn_rate_radps: float) -> Command:
         """The command nearest to the wanted speed (forward, m/s) and turn rate (rad/s) whose plan passes."""
-        brakes = self.brake_points(motion)
-        long, short = self.discs(brakes, partners)
-        circles = self.keepouts(motion, brakes, partners)
         good, bound = -1.0, ""
         tried = 1.0
         for share in SHARES:
-            refusal = self._refusal(motion, share * speed_mps, turn_rate_radps, long, short, circles)
+            refusal = self._refusal(room, share * speed_mps, turn_rate_radps)
             if not refusal:
                 good = share
                 break
             tried, bound = share, refusal
         if good < 0:
-            return self._fallback(motion, turn_rate_radps, bound)
+            return self._fallback(room.motion, turn_rate_radps, bound)
         for _ in range(REFINEMENTS if good < 1.0 else 0):
             middle = (good + tried) / 2
-            if self._refusal(motion, middle * speed_mps, turn_rate_radps, long, short, circles):
+            if self._refusal(room, middle * speed_mps, turn_rate_radps):
                 tried = middle
             else:
                 good = middle
@@ -197,7 +218,7 @@ class Planner:
 
     def _fallback(self, motion: Motion, turn_rate_radps: float, bound: str) -> Command:
         """Full braking; at rest it may still turn on the spot towards where it wants to go."""
-        if max(abs(motion.left_mps + motion.right_mps) / 2, 0.0) < TURNING_STOP_MPS:
+        if abs(motion.left_mps + motion.right_mps) / 2 < TURNING_STOP_MPS:
             left, right = self._rims(0.0, turn_rate_radps)
             return Command(left, right, bound)
         return Command(0.0, 0.0, bound)
@@ -208,25 +229,25 @@ class Planner:
         excess = max(abs(left), abs(right)) / self._parameters.max_speed_mps
         return (left, right) if excess <= 1 else (left / excess, right / excess)
 
-    def _refusal(
-        self,
-        motion: Motion,
-        speed_mps: float,
-        turn_rate_radps: float,
-        long: Sequence[Disc],
-        short: Sequence[Disc],
-        circles: Sequence[Keepout],
-    ) -> str:
+    def _refusal(self, room: Room, speed_mps: float, turn_rate_radps: float) -> str:
         """What a candidate's plan violates: '', 'link' or 'separation'."""
+        if not (room.long or room.short or room.keepouts):
+            return ""
+        motion = room.motion
         left, right = self._rims(speed_mps, turn_rate_radps)
-        end_long, end_short = self.stop_points(motion, left, right)
-        if not all(inside_disc(end_long, disc) for disc in long):
-            return "link"
-        if not all(inside_disc(end_short, disc) for disc in short):
-            return "link"
+        stops = self._stops
+        end = self._end(motion, stops.long.place_after(*motion[3:], left, right, self.period_s))
+        for disc in room.long:
+            if not inside_disc(end, disc):
+                return "link"
+        if room.short:
+            end_short = self._end(motion, stops.short.place_after(*motion[3:], left, right, self.period_s))
+            for disc in room.short:
+                if not inside_disc(end_short, disc):
+                    return "link"
         start = (motion.x_m, motion.y_m)
-        for circle in circles:
-            clearance = way_clearance_m(start, end_long, circle.centre)
+        for circle in room.keepouts:
+            clearance = way_clearance_m(start, end, circle.centre)
             if clearance < circle.radius_m - 1e-9 and clearance < math.dist(start, circle.centre) - 1e-9:
                 return "separation"
         return ""

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from onboard.ahdc.plan import (
     CONTACT_M,
+    MOVE_SHARE,
     Motion,
     Partner,
     Planner,
@@ -47,19 +48,32 @@ def partners(draw: st.DrawFn) -> Partner:
 def test_a_passed_command_keeps_every_disc_or_is_the_brake(
     motion: Motion, speed: float, turn: float, others: list[Partner]
 ) -> None:
-    command = PLANNER.choose(motion, speed, turn, others)
+    command = PLANNER.choose(PLANNER.room(motion, others), speed, turn)
     brakes = PLANNER.brake_points(motion)
-    long, short = PLANNER.discs(brakes, others)
     ends = PLANNER.stop_points(motion, command.left_mps, command.right_mps)
-    kept = all(inside_disc(ends[0], d) for d in long) and all(inside_disc(ends[1], d) for d in short)
+    kept = True
+    for partner in others:
+        diameter = enforced_radius_m(PARAMETERS, partner.age_s)
+        stops = (partner.long_stops, partner.short_stops)
+        for brake, end, points_ in zip(brakes, ends, stops, strict=True):
+            kept &= not partner.enforced or all(inside_disc(end, make_disc(brake, q, diameter)) for q in points_)
     braking = command.left_mps + command.right_mps == pytest.approx(0.0, abs=1e-12)
     assert kept or braking
     assert max(abs(command.left_mps), abs(command.right_mps)) <= PARAMETERS.max_speed_mps + 1e-9
 
 
+@given(motions, rims, rims)
+def test_a_stop_point_moves_less_in_a_period_than_the_planner_allows_for(
+    motion: Motion, left: float, right: float
+) -> None:
+    reach = MOVE_SHARE * PARAMETERS.max_speed_mps * PLANNER.period_s
+    ends = PLANNER.stop_points(motion, left, right)
+    assert all(math.dist(end, brake) < reach for end, brake in zip(ends, PLANNER.brake_points(motion), strict=True))
+
+
 @given(motions, rims, st.floats(-6, 6))
 def test_alone_nothing_is_held_back(motion: Motion, speed: float, turn: float) -> None:
-    command = PLANNER.choose(motion, speed, turn, [])
+    command = PLANNER.choose(PLANNER.room(motion, []), speed, turn)
     assert command.bound == ""
 
 
@@ -67,7 +81,7 @@ def test_alone_nothing_is_held_back(motion: Motion, speed: float, turn: float) -
 def test_the_wanted_speed_is_never_exceeded_nor_reversed(
     motion: Motion, speed: float, turn: float, others: list[Partner]
 ) -> None:
-    command = PLANNER.choose(motion, speed, turn, others)
+    command = PLANNER.choose(PLANNER.room(motion, others), speed, turn)
     forward = (command.left_mps + command.right_mps) / 2
     assert forward * speed >= -1e-12
     assert abs(forward) <= abs(speed) + 1e-12
@@ -115,7 +129,7 @@ def test_driving_at_a_resting_robot_stops_short_of_contact() -> None:
     x, v = -0.8, 0.0
     other = Partner("r02", False, 0.0, 0.0, ((0.0, 0.0),), ((0.0, 0.0),), 0.0, True)
     for _ in range(400):
-        command = PLANNER.choose(Motion(x, 0.0, 0.0, v, v), 0.8, 0.0, [other])
+        command = PLANNER.choose(PLANNER.room(Motion(x, 0.0, 0.0, v, v), [other]), 0.8, 0.0)
         v, way = rim_after(v, (command.left_mps + command.right_mps) / 2, brake, 0.01)
         x += way
     assert -x >= CONTACT_M - 1e-6
