@@ -38,11 +38,16 @@ class Inbox:
     def wake(self) -> None:
         os.eventfd_write(self._event, 1)
 
-    def take(self) -> list[tuple[str, bytes]]:
-        """Everything that waits, most urgent first; nothing that arrives meanwhile is lost."""
-        with contextlib.suppress(BlockingIOError):
-            os.eventfd_read(self._event)
-        keys = sorted(self._slots.copy(), key=lambda key: self._urgency.get(key, len(self._urgency)))
+    def take(self, quiet: bool | None = None) -> list[tuple[str, bytes]]:
+        """Everything that waits, most urgent first; nothing that arrives meanwhile is lost.
+
+        :param quiet: True for the quiet keys only, False for the others only, so that a step need not wait.
+        """
+        if not quiet:
+            with contextlib.suppress(BlockingIOError):
+                os.eventfd_read(self._event)
+        waiting = [key for key in self._slots.copy() if quiet is None or (key in self._quiet) == quiet]
+        keys = sorted(waiting, key=lambda key: self._urgency.get(key, len(self._urgency)))
         return [(key, self._slots.pop(key)) for key in keys]
 
     def close(self) -> None:

@@ -122,7 +122,7 @@ class Runtime:
                 wake_ns = min(wake_ns, housekeeping_ns)
             self._poll.poll(max(0, wake_ns - now_ns) / 1e6)
             now_ns = time.monotonic_ns()
-            due, urgent = self._receive(now_ns)
+            due, urgent = self._receive(now_ns, quiet=False)
             if due or urgent or now_ns - ran_ns >= TICK_NS:
                 drive = self._agent.step(now_ns) if due else self._agent.tick(now_ns)
                 ran_ns = now_ns
@@ -132,10 +132,10 @@ class Runtime:
                 housekeeping_ns = 0
                 self._keep_house(now_ns)
 
-    def _receive(self, now_ns: int) -> tuple[bool, bool]:
-        """(a control step is due, a stop or an order arrived)."""
+    def _receive(self, now_ns: int, quiet: bool) -> tuple[bool, bool]:
+        """(a control step is due, a stop or an order arrived); neighbours' states are among the quiet keys."""
         due = urgent = False
-        for key, payload in self._inbox.take():
+        for key, payload in self._inbox.take(quiet):
             try:
                 message = read(self._keys, key, payload)
             except WireError as error:
@@ -153,6 +153,7 @@ class Runtime:
             self._agent.wrote(time.monotonic_ns())
 
     def _keep_house(self, now_ns: int) -> None:
+        self._receive(now_ns, quiet=True)
         self._wheels.listen(time.monotonic_ns())
         self._wheels.ask(time.monotonic_ns())
         state = self._agent.run_state

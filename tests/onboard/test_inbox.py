@@ -73,3 +73,16 @@ def test_anything_else_is_refused_by_name(key: str, payload: bytes, words: str) 
     with pytest.raises(WireError) as caught:
         read(KEYS, key, payload)
     assert str(caught.value).startswith(words)
+
+
+def test_quiet_keys_can_be_left_for_later() -> None:
+    inbox = Inbox({"frame": 0, "state": 1}, quiet=["state"])
+    inbox.put("state", b"1")
+    inbox.put("frame", b"1")
+    assert inbox.take(quiet=False) == [("frame", b"1")]
+    assert inbox.take(quiet=False) == []
+    inbox.put("frame", b"2")
+    assert inbox.take(quiet=True) == [("state", b"1")]
+    assert ready(inbox)
+    assert inbox.take() == [("frame", b"2")]
+    inbox.close()
