@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from contract.arena import Arena, digest
+from contract.keys import Keys
 from contract.messages import (
     SCHEMA_VERSION,
-    BodyPose,
     Message,
-    MocapFrame,
     NeighbourState,
     Order,
     RobotStep,
@@ -25,17 +24,19 @@ from contract.messages import (
     StepBatch,
     Target,
     TargetCloud,
-    WheelFeedback,
 )
-from contract.units import metres, radians
+from groundstation.hops import Hops, Plant, ShortCut
 from groundstation.targets import Scenario, lower_bound_s
-from onboard.agent import Agent, Drive
-from onboard.ahdc.stopping import Brake, rim_after
-from onboard.odometry import Pose, advance
+from groundstation.wire import Wire
+from onboard.agent import Agent
+from onboard.ahdc.stopping import Brake
+from onboard.odometry import Pose
 
 SUBSTEP_NS = 2_000_000
 """Motion is integrated and the network and distances are checked this often."""
 HEARTBEAT_NS = 50_000_000
+TICK_NS = 18_000_000
+"""A robot's loop runs this long after its last turn although nothing has arrived."""
 COLLISION_SHARE = 1.0
 """Of the platform's diameter."""
 ARM_NS = 200_000_000
@@ -71,31 +72,6 @@ FIELD = Conditions(
 )
 
 
-@dataclass
-class Body:
-    """One robot's motors and body."""
-
-    pose: Pose
-    brake: Brake
-    left_mps: float = 0.0
-    right_mps: float = 0.0
-    command: tuple[float, float] = (0.0, 0.0)
-    time_ns: int = 0
-
-    def advance(self, now_ns: int, wheel_separation_m: float) -> None:
-        duration_s = (now_ns - self.time_ns) * 1e-9
-        if duration_s <= 0:
-            return
-        self.time_ns = now_ns
-        if self.command == (0.0, 0.0) and self.left_mps == 0.0 == self.right_mps:
-            return
-        self.left_mps, left_m = rim_after(self.left_mps, self.command[0], self.brake, duration_s)
-        self.right_mps, right_m = rim_after(self.right_mps, self.command[1], self.brake, duration_s)
-        if abs(self.left_mps) + abs(self.right_mps) < 1e-7:
-            self.left_mps = self.right_mps = 0.0
-        self.pose = advance(self.pose, (left_m + right_m) / 2, (right_m - left_m) / wheel_separation_m, 1.0)
-
-
 class Result(msgspec.Struct):
     """What became of one run."""
 
@@ -126,13 +102,14 @@ class World:
     seed: int
     limit_s: float = 180.0
     now_ns: int = 0
+    wired: bool = False
+    """Over real bytes."""
     agents: dict[str, Agent] = field(default_factory=dict)
-    bodies: dict[str, Body] = field(default_factory=dict)
     disconnected_steps: int = 0
     collisions: int = 0
     min_distance_m: float = math.inf
-    trace: list[tuple[int, dict[str, Pose]]] | None = None
-    """Poses of every frame, where a list is given."""
+    tap: Callable[[str, Message, int], None] | None = None
+    """Hears key, message and time of whatever is published but frames, which are told as they arrive at the first."""
 
     def __post_init__(self) -> None:
         self._digest = digest(self.arena)
@@ -148,44 +125,60 @@ class World:
         self._order_seq = 0
         self._radius = self.arena.control.sensing_radius_m
         self._diameter = self.arena.platform.diameter_m * COLLISION_SHARE
-        self._separation = self.arena.platform.wheel_separation_m
-        self._wheel = self.arena.platform.wheel_radius_m
+        self._keys = Keys(self.arena.arena.name)
         self._phase_ns: dict[str, float] = {}
+        self._ran_ns: dict[str, int] = {}
         rng, conditions = self._rng, self.conditions
+        plants = {}
         for name, start in zip(self.arena.robots, self.scenario.starts, strict=True):
             heading = rng.uniform(-math.pi, math.pi)
             brake = Brake(rng.uniform(*conditions.deceleration_mps2), rng.uniform(*conditions.lag_s))
-            self.bodies[name] = Body(Pose(start[0], start[1], heading), brake)
+            plants[name] = Plant(Pose(start[0], start[1], heading), brake)
             self.agents[name] = Agent(self.arena, name, boot=1)
             self._phase_ns[name] = rng.uniform(*conditions.pose_age_s) * 1e9
+        self.hops: Hops = (
+            Wire(self.arena, plants, self.agents, self.seed)
+            if self.wired
+            else ShortCut(self.arena, plants, self.agents)
+        )
+        self.now_ns = self._begin_ns = self.hops.begin_ns
         cloud = TargetCloud(
             mission="simulate",
             seed=self.seed,
             start_direction_rad=round(self.scenario.start_direction_rad, 5),
             targets=tuple(Target(index=k, x_m=x, y_m=y) for k, (x, y) in enumerate(self.scenario.targets)),
         )
-        for agent in self.agents.values():
-            agent.receive(cloud, 0)
-        self._at(0, "frame", "", None)
-        self._at(0, "heartbeat", "", None)
-        self._at(0, "check", "", None)
+        self._publish(self._keys.targets, cloud)
+        for kind in ("frame", "heartbeat", "check"):
+            self._at(self.now_ns, kind, "", None)
+        for name in self.agents:
+            self._ran_ns[name] = self.now_ns
+            self._at(self.now_ns + TICK_NS, "tick", name, None)
 
     def run(self) -> Result:
         """Play until every target is occupied or the time is up."""
-        limit_ns = int(self.limit_s * 1e9) + RUN_NS
+        return self._result(self.until(self.limit_s))
+
+    def until(self, mission_s: float) -> bool:
+        """Play to that time after the start, which may be negative; True once every target is occupied."""
+        limit_ns = self._begin_ns + RUN_NS + int(mission_s * 1e9)
         handlers: dict[str, Callable[[str, Any], None]] = {
             "frame": self._on_frame,
             "arrival": self._on_arrival,
-            "state": self._on_state,
+            "message": self._on_message,
+            "tick": self._on_tick,
             "heartbeat": self._on_heartbeat,
             "check": self._on_check,
         }
         done = False
         while not done and self.now_ns < limit_ns:
             self.now_ns, _, kind, name, what = heapq.heappop(self._queue)
+            if name and (free_ns := self.hops.free_ns(name)) > self.now_ns:
+                self._at(free_ns, kind, name, what)
+                continue
             handlers[kind](name, what)
             done = self._running and kind == "arrival" and self._occupied() == len(self.scenario.targets)
-        return self._result(done)
+        return done
 
     def _at(self, when_ns: int, kind: str, name: str, what: Any) -> None:
         self._count += 1
@@ -197,35 +190,35 @@ class World:
             bitmap |= agent.controller.tasking.memory.occupied
         return bitmap.bit_count()
 
+    def _publish(self, key: str, message: Message) -> None:
+        """Give all robots a message of the station's."""
+        if self.tap is not None:
+            self.tap(key, message, self.now_ns)
+        parcel = self.hops.pack(key, message)
+        for name in self.agents:
+            if (free_ns := self.hops.free_ns(name)) > self.now_ns:
+                self._at(free_ns, "message", name, (key, parcel))
+            else:
+                self.hops.deliver(name, key, parcel, self.now_ns)
+
     def _on_frame(self, _: str, __: Any) -> None:
         conditions, rng = self.conditions, self._rng
-        bodies = []
-        noisy = conditions.position_noise_m > 0
-        for name, body in self.bodies.items():
-            body.advance(self.now_ns, self._separation)
-            x, y, heading = body.pose
-            if noisy:
+        self.hops.advance(self.now_ns)
+        seen = {}
+        for name in self.agents:
+            x, y, heading = self.hops.pose(name)
+            if conditions.position_noise_m > 0:
                 x += rng.gauss(0.0, conditions.position_noise_m)
                 y += rng.gauss(0.0, conditions.position_noise_m)
                 heading += rng.gauss(0.0, conditions.heading_noise_rad)
-            heading = math.remainder(heading, math.tau)
-            bodies.append(BodyPose(robot=name, x_m=metres(x), y_m=metres(y), heading_rad=radians(heading)))
-        rate_hz = self.arena.mocap.frame_rate_hz
-        frame = MocapFrame(
-            session=1,
-            frame=self._frame,
-            exposure_ns=self.now_ns,
-            transmit_ns=self.now_ns,
-            publish_ns=self.now_ns,
-            rate_hz=rate_hz,
-            bodies=tuple(bodies),
-        )
-        if self.trace is not None:
-            self.trace.append((self.now_ns, {name: body.pose for name, body in self.bodies.items()}))
-        for name in self.agents:
-            self._at(self.now_ns + self._age_ns(name), "arrival", name, frame)
+            seen[name] = Pose(x, y, math.remainder(heading, math.tau))
+        frame = self.hops.frame(self.now_ns, seen)
+        if frame is not None:
+            for name in self.agents:
+                self._at(self.now_ns + self.hops.way_ns + self._age_ns(name), "arrival", name, frame)
         self._frame += 1
-        self._at(round(self._frame * 1e9 / rate_hz), "frame", "", None)
+        due_ns = self._begin_ns + round(self._frame * 1e9 / self.arena.mocap.frame_rate_hz)
+        self._at(due_ns, "frame", "", None)
 
     def _age_ns(self, name: str) -> int:
         """Base age of the robot plus jitter, clipped to the interval."""
@@ -235,37 +228,35 @@ class World:
         age = self._phase_ns[name] + self._rng.uniform(-0.25, 0.25) * (high - low) * 1e9
         return int(min(high * 1e9, max(low * 1e9, age)))
 
-    def _on_arrival(self, name: str, frame: MocapFrame) -> None:
-        agent, body, now_ns = self.agents[name], self.bodies[name], self.now_ns
-        if agent.receive(frame, now_ns):
-            body.advance(now_ns, self._separation)
-            sample = WheelFeedback(
-                robot=name,
-                stamp_ns=now_ns,
-                left_radps=body.left_mps / self._wheel,
-                right_radps=body.right_mps / self._wheel,
-                left_rad=0.0,
-                right_rad=0.0,
-                enabled=True,
-            )
-            agent.feedback(sample, now_ns)
-            self._actuate(name, agent.step(now_ns))
-            agent.wrote(now_ns)
-            for _, message in agent.outbox(now_ns):
-                self._send(name, message)
+    def _on_arrival(self, name: str, frame: Any) -> None:
+        if self.hops.deliver(name, self._keys.mocap_frame, frame, self.now_ns):
+            agent, now_ns = self.agents[name], self.now_ns
+            self.hops.sense(name, now_ns)
+            self._ran_ns[name] = now_ns
+            if self.hops.drive(name, agent.step(now_ns), now_ns):
+                agent.wrote(now_ns)
+            for key, message in agent.outbox(now_ns):
+                self._send(name, key, message)
 
-    def _actuate(self, name: str, drive: Drive) -> None:
-        self.agents[name].driver_active(drive.enable, self.now_ns)
-        command = (drive.left_radps * self._wheel, drive.right_radps * self._wheel)
-        self.bodies[name].command = command if drive.enable else (0.0, 0.0)
+    def _on_tick(self, name: str, _: Any) -> None:
+        if self.now_ns - self._ran_ns[name] >= TICK_NS:
+            self._ran_ns[name] = self.now_ns
+            self.hops.drive(name, self.agents[name].tick(self.now_ns), self.now_ns)
+        self._at(self._ran_ns[name] + TICK_NS, "tick", name, None)
 
-    def _send(self, sender: str, message: Message) -> None:
+    def _on_message(self, name: str, what: tuple[str, Any]) -> None:
+        self.hops.deliver(name, *what, self.now_ns)
+
+    def _send(self, sender: str, key: str, message: Message) -> None:
+        if self.tap is not None:
+            self.tap(key, message, self.now_ns)
         if isinstance(message, NeighbourState):
+            parcel = self.hops.pack(key, message)
             low, high = self.conditions.pose_age_s
             for name in self.agents:
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):
                     delay_ns = int(self._rng.uniform(low, high) * 1e9) if high > 0 else 0
-                    self._at(self.now_ns + delay_ns, "state", name, message)
+                    self._at(self.now_ns + delay_ns, "message", name, (key, parcel))
         elif isinstance(message, StepBatch):
             for step in message.steps:
                 self._note(step)
@@ -274,18 +265,15 @@ class World:
         if self._running:
             self._waits[step.waits] = self._waits.get(step.waits, 0) + 1
 
-    def _on_state(self, name: str, state: NeighbourState) -> None:
-        self.agents[name].receive(state, self.now_ns)
-
     def _on_heartbeat(self, _: str, __: Any) -> None:
         self._order_seq += 1
         order: Order = "disarm"
         order_id = 1
-        if self.now_ns >= RUN_NS:
+        if self.now_ns >= self._begin_ns + RUN_NS:
             order, order_id = "run", 3
             if not self._running:
                 self._running, self._start_ns = True, self.now_ns
-        elif self.now_ns >= ARM_NS:
+        elif self.now_ns >= self._begin_ns + ARM_NS:
             order, order_id = "arm", 2
         heartbeat = StationHeartbeat(
             schema_version=SCHEMA_VERSION,
@@ -297,14 +285,12 @@ class World:
             mission="simulate",
             arena_hash=self._digest,
         )
-        for agent in self.agents.values():
-            agent.receive(heartbeat, self.now_ns)
+        self._publish(self._keys.heartbeat, heartbeat)
         self._at(self.now_ns + HEARTBEAT_NS, "heartbeat", "", None)
 
     def _on_check(self, _: str, __: Any) -> None:
-        for body in self.bodies.values():
-            body.advance(self.now_ns, self._separation)
-        places = {name: (body.pose.x_m, body.pose.y_m) for name, body in self.bodies.items()}
+        self.hops.advance(self.now_ns)
+        places = {name: self.hops.pose(name)[:2] for name in self.agents}
         names = list(places)
         for i, first in enumerate(names):
             x, y = places[first]

@@ -8,15 +8,21 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from contract.arena import Arena, Control, FieldControl, Floor, Mocap, Robot, Targets
+from contract.arena import Arena, Control, FieldControl, Floor, Mocap, Robot, Safety, Targets
 from groundstation.lockstep import FIELD, IDEAL, Conditions, Result, World
 from groundstation.targets import CloudError, scenario
 
+MAX_LIMIT_S = 86_400.0
 CONDITIONS = {"ideal": IDEAL, "field": FIELD}
+WHEELS: tuple[dict[str, Any], ...] = (
+    {"kind": "odrive", "interface": "slcan", "channel": "/dev/null", "left": 0, "right": 1, "watchdog_s": 0.2},
+    {"kind": "roboclaw", "port": "/dev/null", "counts_per_revolution": 2048},
+)
+"""Of the robots in turn; no port is ever opened."""
 IDEAL_BRAKE = FieldControl(brake_deceleration_mps2=(100.0, 100.0), motor_lag_s=(0.001, 0.001))
 
 
@@ -29,6 +35,7 @@ class Job(NamedTuple):
     profile: Literal["field", "paper"]
     conditions: str
     limit_s: float
+    wired: bool = False
 
 
 def arena_for(job: Job) -> Arena:
@@ -38,11 +45,14 @@ def arena_for(job: Job) -> Arena:
     return Arena(
         arena=Floor(name="simulate", size_m=place.size_m, fence_m=0.0),
         robots={
-            f"r{i + 1:02d}": Robot(body=f"r{i + 1:02d}", start=start, wheels={"kind": "simulated"})
+            f"r{i + 1:02d}": Robot(
+                body=f"r{i + 1:02d}", start=start, wheels=WHEELS[i % len(WHEELS)], emulate=("wheels", "body")
+            )
             for i, start in enumerate(place.starts)
         },
         mocap=Mocap(frame_rate_hz=100.0),
         control=Control(profile=job.profile, field=field),
+        safety=Safety(max_slew_mps2=1000.0) if job.conditions == "ideal" else Safety(),
         targets=Targets(count=job.targets, seed=job.seed),
     )
 
@@ -50,7 +60,9 @@ def arena_for(job: Job) -> Arena:
 def play(job: Job, conditions: Conditions | None = None) -> Result:
     """One run, from nothing but the job."""
     place = scenario(job.robots, job.targets, job.seed)
-    world = World(arena_for(job), place, conditions or CONDITIONS[job.conditions], job.seed, job.limit_s)
+    world = World(
+        arena_for(job), place, conditions or CONDITIONS[job.conditions], job.seed, job.limit_s, wired=job.wired
+    )
     return world.run()
 
 
@@ -98,6 +110,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--limit-s", type=float, default=180.0, help="give a mission up after this virtual time (default 180)"
     )
+    parser.add_argument(
+        "--wire", action="store_true", help="every hop real bytes: NatNet, JSON, CAN or serial (about as slow as life)"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run as JSON")
 
 
@@ -106,8 +121,11 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, name) < low:
             print(f"simulate: --{name} {getattr(args, name)}: at least {low} needed", file=sys.stderr)
             return 2
+    if not 0.0 < args.limit_s <= MAX_LIMIT_S:
+        print(f"simulate: --limit-s {args.limit_s:g}: above 0, at most {MAX_LIMIT_S:g} s", file=sys.stderr)
+        return 2
     jobs = [
-        Job(args.robots, args.targets, args.seed + k, args.profile, args.conditions, args.limit_s)
+        Job(args.robots, args.targets, args.seed + k, args.profile, args.conditions, args.limit_s, args.wire)
         for k in range(args.runs)
     ]
     results: list[Result] = []

@@ -18,10 +18,14 @@ from tests.house.checkout import ROOMS, ROOT
 EVERY_ROOM = set(ROOMS)
 MAY_IMPORT_ROOMS = {
     "onboard/runtime.py": {"contract", "drivers"},
+    "groundstation/hops.py": EVERY_ROOM,
     "groundstation/lockstep.py": EVERY_ROOM,
     "groundstation/mock_arena.py": EVERY_ROOM,
     "groundstation/rig.py": EVERY_ROOM,
+    "groundstation/wire.py": EVERY_ROOM,
 }
+"""onboard/runtime.py turns wheels; rig.py and mock_arena.py compose a mission's processes; hops.py, lockstep.py and
+wire.py play a mission in one process and virtual time, which takes agents, drivers and motion capture together."""
 DEVICES = {"can", "serial", "socket", "zenoh", "mcap"}
 MACHINE = {"asyncio", "logging", "multiprocessing", "select", "selectors", "signal", "subprocess", "threading", "time"}
 IMPURE = DEVICES | MACHINE

@@ -1,0 +1,144 @@
+"""The way of a lockstep mission from bodies to agents and back: the interface, and the way without bytes. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from contract.arena import Arena
+from contract.messages import BodyPose, Message, MocapFrame, WheelFeedback
+from contract.units import metres, radians
+from onboard.agent import Agent, Drive
+from onboard.ahdc.stopping import Brake, rim_after
+from onboard.odometry import Pose, advance
+
+
+class Plant(NamedTuple):
+    """One robot's body and motors at the start of a mission."""
+
+    pose: Pose
+    brake: Brake
+
+
+class Hops(Protocol):
+    """Everything between bodies and agents. Times are virtual; every call returns at once."""
+
+    begin_ns: int
+    """When all is connected: the mission's time zero."""
+    way_ns: int
+    """Exposure to publication of a frame."""
+
+    def free_ns(self, name: str) -> int:
+        """Until when the robot's process waits for its motors and hears nothing; 0: not at all."""
+
+    def advance(self, now_ns: int) -> None:
+        """Let motors, bodies and whatever sends by itself come to ``now_ns``."""
+
+    def pose(self, name: str) -> Pose:
+        """True pose, as of the last :meth:`advance`."""
+
+    def frame(self, now_ns: int, seen: Mapping[str, Pose]) -> Any:
+        """What is published of a frame that shows the robots there; None: nothing."""
+
+    def pack(self, key: str, message: Message) -> Any:
+        """A message as it leaves its sender."""
+
+    def deliver(self, name: str, key: str, parcel: Any, now_ns: int) -> bool:
+        """Give a robot what was published or packed; True: a control step is due."""
+
+    def sense(self, name: str, now_ns: int) -> None:
+        """Tell the agent what its wheels do."""
+
+    def drive(self, name: str, drive: Drive, now_ns: int) -> bool:
+        """Obey the agent; True if wheel speeds were written."""
+
+
+@dataclass
+class Body:
+    """One robot's motors and body."""
+
+    pose: Pose
+    brake: Brake
+    left_mps: float = 0.0
+    right_mps: float = 0.0
+    command: tuple[float, float] = (0.0, 0.0)
+    time_ns: int = 0
+
+    def advance(self, now_ns: int, wheel_separation_m: float) -> None:
+        duration_s = (now_ns - self.time_ns) * 1e-9
+        if duration_s <= 0:
+            return
+        self.time_ns = now_ns
+        if self.command == (0.0, 0.0) and self.left_mps == 0.0 == self.right_mps:
+            return
+        self.left_mps, left_m = rim_after(self.left_mps, self.command[0], self.brake, duration_s)
+        self.right_mps, right_m = rim_after(self.right_mps, self.command[1], self.brake, duration_s)
+        if abs(self.left_mps) + abs(self.right_mps) < 1e-7:
+            self.left_mps = self.right_mps = 0.0
+        self.pose = advance(self.pose, (left_m + right_m) / 2, (right_m - left_m) / wheel_separation_m, 1.0)
+
+
+class ShortCut:
+    """:class:`Hops` without bytes: messages as they are, a command acts at once, feedback is the truth."""
+
+    begin_ns = 0
+    way_ns = 0
+
+    def __init__(self, arena: Arena, plants: Mapping[str, Plant], agents: Mapping[str, Agent]) -> None:
+        self._agents = agents
+        self._bodies = {name: Body(*plant) for name, plant in plants.items()}
+        self._separation_m = arena.platform.wheel_separation_m
+        self._radius_m = arena.platform.wheel_radius_m
+        self._rate_hz = arena.mocap.frame_rate_hz
+        self._number = 0
+
+    def free_ns(self, name: str) -> int:
+        return 0
+
+    def advance(self, now_ns: int) -> None:
+        for body in self._bodies.values():
+            body.advance(now_ns, self._separation_m)
+
+    def pose(self, name: str) -> Pose:
+        return self._bodies[name].pose
+
+    def frame(self, now_ns: int, seen: Mapping[str, Pose]) -> MocapFrame:
+        frame = MocapFrame(
+            session=1,
+            frame=self._number,
+            exposure_ns=now_ns,
+            transmit_ns=now_ns,
+            publish_ns=now_ns,
+            rate_hz=self._rate_hz,
+            bodies=tuple(
+                BodyPose(robot=name, x_m=metres(x), y_m=metres(y), heading_rad=radians(heading))
+                for name, (x, y, heading) in seen.items()
+            ),
+        )
+        self._number += 1
+        return frame
+
+    def pack(self, key: str, message: Message) -> Message:
+        return message
+
+    def deliver(self, name: str, key: str, parcel: Message, now_ns: int) -> bool:
+        return self._agents[name].receive(parcel, now_ns)
+
+    def sense(self, name: str, now_ns: int) -> None:
+        body = self._bodies[name]
+        body.advance(now_ns, self._separation_m)
+        sample = WheelFeedback(
+            robot=name,
+            stamp_ns=now_ns,
+            left_radps=body.left_mps / self._radius_m,
+            right_radps=body.right_mps / self._radius_m,
+            left_rad=0.0,
+            right_rad=0.0,
+            enabled=True,
+        )
+        self._agents[name].feedback(sample, now_ns)
+
+    def drive(self, name: str, drive: Drive, now_ns: int) -> bool:
+        self._agents[name].driver_active(drive.enable, now_ns)
+        command = (drive.left_radps * self._radius_m, drive.right_radps * self._radius_m)
+        self._bodies[name].command = command if drive.enable else (0.0, 0.0)
+        return True
