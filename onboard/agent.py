@@ -125,6 +125,10 @@ class Agent:
                 self.refuse(f"unexpected {type(message).__name__}")
         return False
 
+    def hears(self, robot: str) -> bool:
+        """Whether a state message of that robot is worth decoding: the virtual radio reaches it, or it is our id."""
+        return robot == self.robot or self.sensing.in_range(robot)
+
     def refuse(self, counter: str) -> None:
         """Count something that did not decode or was not meant for this robot."""
         self.counters[counter] = self.counters.get(counter, 0) + 1

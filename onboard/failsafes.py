@@ -266,7 +266,7 @@ FAILSAFES: tuple[Failsafe, ...] = (
         "the control loop did not run for too long",
         "safety.loop_overrun_s",
         "hold",
-        "the gate sends zeros after safety.commandage_s, the device cuts after safety.watchdog_s",
+        "the gate sends zeros after safety.command_age_s, the device cuts after safety.watchdog_s",
         "by itself with the next step on time",
         "find what loads this computer",
         lambda s: s.seconds_since_loop > s.safety.loop_overrun_s,

@@ -7,6 +7,7 @@ control step cannot delay a stop that arrives behind other traffic.
 import contextlib
 import os
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 
 from contract.codec import WireError, decode
 from contract.keys import Keys
@@ -54,16 +55,21 @@ class Inbox:
         os.close(self._event)
 
 
+@lru_cache(maxsize=512)
+def _route(keys: Keys, key: str) -> tuple[type[Message] | None, str | None]:
+    return keys.kind(key), keys.robot_of(key)
+
+
 def read(keys: Keys, key: str, payload: bytes) -> Message:
     """The message a key carries, its sender being the one the key names.
 
     :raises WireError: not a key of ours, not the message it carries, or another robot's name in it.
     """
-    kind = keys.kind(key)
+    kind, robot = _route(keys, key)
     if kind is None:
         raise WireError("key", f"{key} is not a key of site {keys.site}")
     message = decode(kind, payload)
     named = getattr(message, "robot", None)
-    if named is not None and named != keys.robot_of(key):
-        raise WireError(kind.__name__, f"robot {named} on the key of {keys.robot_of(key)}")
+    if named is not None and named != robot:
+        raise WireError(kind.__name__, f"robot {named} on the key of {robot}")
     return message

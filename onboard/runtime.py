@@ -52,7 +52,8 @@ class Runtime:
         self._robot = robot
         self._agent = agent
         self._urgency = subscriptions(arena)
-        self._inbox = Inbox(self._urgency, quiet=[self._keys.state(name) for name in arena.robots])
+        self._speakers = {self._keys.state(name): name for name in arena.robots}
+        self._inbox = Inbox(self._urgency, quiet=self._speakers)
         self._wheels = Wheels(driver, agent)
         self._arena = arena
         self._publishers: dict[str, Any] = {}
@@ -136,6 +137,8 @@ class Runtime:
         """(a control step is due, a stop or an order arrived); neighbours' states are among the quiet keys."""
         due = urgent = False
         for key, payload in self._inbox.take(quiet):
+            if key in self._speakers and not self._agent.hears(self._speakers[key]):
+                continue
             try:
                 message = read(self._keys, key, payload)
             except WireError as error:

@@ -60,10 +60,14 @@ class Sensing:
     def cloud(self, cloud: TargetCloud) -> None:
         self._cloud = {target.index: (target.x_m, target.y_m) for target in cloud.targets}
 
+    def in_range(self, robot: str) -> bool:
+        """Whether the virtual radio reaches that robot: both seen, at most r_c apart."""
+        own, other = self._tracks.get(self.robot), self._tracks.get(robot)
+        return own is not None and other is not None and math.dist(own.pose[:2], other.pose[:2]) <= self._radius_m
+
     def state(self, state: NeighbourState, now_ns: int) -> bool:
         """Take a neighbour's message; False where it is out of range, or not newer than the last."""
-        own, other = self._tracks.get(self.robot), self._tracks.get(state.robot)
-        if own is None or other is None or math.dist(own.pose[:2], other.pose[:2]) > self._radius_m:
+        if not self.in_range(state.robot):
             self.out_of_range += 1
             return False
         known = self._heard.get(state.robot)
