@@ -5,6 +5,7 @@ from ``recv(0)`` on an acknowledgement; :class:`SlcanBus` keeps its set-up and r
 """
 
 import contextlib
+import errno
 import os
 import select
 import termios
@@ -22,6 +23,9 @@ from drivers.ports import FramePort
 
 ERROR_BUS_OFF = 0x40
 """CAN_ERR_BUSOFF of linux/can/error.h, in the identifier of an error frame."""
+ERROR_CONTROLLER = 0x04
+"""CAN_ERR_CRTL: byte 1 has the bits below."""
+CONTROLLER_STATES = {"error_overflow": 0x03, "error_warning": 0x0C, "error_passive": 0x30}
 
 
 def can_port(interface: str, channel: str, bitrate: int) -> FramePort:
@@ -191,7 +195,7 @@ class BusPort(_CanPortBase):
             except can.CanOperationError as error:
                 if error.error_code in (11, 105) or "buffer" in str(error).lower():
                     return False
-                raise OSError(str(error)) from error
+                raise _os_error(error) from error
         return True
 
     def receive(self) -> list[CanFrame]:
@@ -201,9 +205,7 @@ class BusPort(_CanPortBase):
         try:
             while (message := self._bus.recv(0)) is not None:
                 if message.is_error_frame:
-                    self._counters["error_frame"] += 1
-                    if message.arbitration_id & ERROR_BUS_OFF:
-                        raise OSError("bus-off")
+                    self._count_error(message)
                     continue
                 remote = message.is_remote_frame
                 frames.append(
@@ -216,5 +218,22 @@ class BusPort(_CanPortBase):
                     )
                 )
         except can.CanError as error:
-            raise OSError(str(error)) from error
+            raise _os_error(error) from error
         return frames
+
+    def _count_error(self, message: can.Message) -> None:
+        """:raises OSError: the controller has left the bus."""
+        self._counters["error_frame"] += 1
+        if message.arbitration_id & ERROR_BUS_OFF:
+            raise OSError(
+                errno.ECONNRESET, "bus-off: the computer's CAN controller has left the bus after too many errors"
+            )
+        if message.arbitration_id & ERROR_CONTROLLER and len(message.data) > 1:
+            for name, bits in CONTROLLER_STATES.items():
+                if message.data[1] & bits:
+                    self._counters[name] += 1
+
+
+def _os_error(error: can.CanError) -> OSError:
+    """The same with its errno, where python-can tells it."""
+    return OSError(str(error)) if error.error_code is None else OSError(error.error_code, str(error))

@@ -1,11 +1,22 @@
 """A CAN bus as a driver uses it: port errors become typed driver errors, lost writes are counted."""
 
+import errno
 from collections import Counter
 from collections.abc import Callable, Sequence
 
 from drivers.base import LinkLost, Refused
 from drivers.can.frame import CanFrame
 from drivers.ports import FramePort
+
+REMEDY = "Check cable, power and adapter, then configure again"
+GONE = "Plug the adapter in, then: ip link set {port} up type can bitrate <bit/s>, and configure again"
+REMEDIES = {
+    errno.ENETDOWN: "Bring the interface up: ip link set {port} up type can bitrate <bit/s>, then configure again",
+    errno.ENODEV: GONE,
+    errno.ENXIO: GONE,
+    errno.ECONNRESET: "Check bitrate, wiring and termination, then: ip link set {port} down, up, and configure again",
+}
+"""By the errno of the port."""
 
 
 class CanLine:
@@ -22,21 +33,21 @@ class CanLine:
         try:
             self.port.open()
         except OSError as error:
-            raise self.lost(f"cannot open: {error}") from error
+            raise self._dead("open", error) from error
 
     def send(self, frames: Sequence[CanFrame]) -> None:
         try:
             if not self.port.send(frames):
                 self.counters["send_dropped"] += 1
         except OSError as error:
-            raise self.lost(f"cannot send: {error}") from error
+            raise self._dead("send", error) from error
 
     def drain(self) -> None:
         """Handle every frame received."""
         try:
             frames = self.port.receive()
         except OSError as error:
-            raise self.lost(f"cannot receive: {error}") from error
+            raise self._dead("receive", error) from error
         for frame in frames:
             reason = self._take(frame)
             if reason:
@@ -60,8 +71,12 @@ class CanLine:
         self.counters.update(self.port.take_counters())
         return self.counters
 
-    def lost(self, fault: str, remedy: str = "Check cable, power and adapter, then configure again") -> LinkLost:
+    def lost(self, fault: str, remedy: str = REMEDY) -> LinkLost:
         return LinkLost(self.device, self.port.name, fault, remedy)
+
+    def _dead(self, verb: str, error: OSError) -> LinkLost:
+        remedy = REMEDIES.get(error.errno or 0, REMEDY)
+        return self.lost(f"cannot {verb}: {error.strerror or error}", remedy.format(port=self.port.name))
 
     def refused(self, fault: str, remedy: str) -> Refused:
         return Refused(self.device, self.port.name, fault, remedy)

@@ -126,6 +126,8 @@ class Drive:
                 "Lower axis.config.watchdog_timeout over USB, then watchdog_s here",
             )
         self._line.open()
+        for axis in self._axes:
+            axis.heartbeat, axis.fresh = None, False
         self._line.wait_until(lambda: all(axis.heartbeat for axis in self._axes), self.IDENTIFY_S)
         silent = [f"{axis.name} (node {axis.node})" for axis in self._axes if axis.heartbeat is None]
         if silent:

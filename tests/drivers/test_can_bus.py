@@ -5,8 +5,10 @@ from collections.abc import Iterator
 import can
 import pytest
 
+from drivers.base import LinkLost
 from drivers.can.bus import BusPort, SlcanPort, can_port
 from drivers.can.frame import CanFrame
+from drivers.can.line import CanLine
 
 
 @pytest.fixture
@@ -87,3 +89,32 @@ def test_other_send_errors_and_closed_ports_are_lost_links(pair: tuple[BusPort, 
             act()
     with pytest.raises(OSError, match=r".+"):
         BusPort("socketcan", "nosuchcan9").open()
+
+
+@pytest.mark.parametrize(
+    ("code", "remedy"),
+    [(100, "ip link set can0 up"), (19, "Plug the adapter in"), (104, "termination"), (5, "Check cable")],
+)
+def test_the_remedy_fits_the_error(code: int, remedy: str) -> None:
+    port = BusPort("socketcan", "can0")
+
+    def fail() -> list[CanFrame]:
+        raise OSError(code, "the reason")
+
+    port.receive = fail  # type: ignore[method-assign]
+    with pytest.raises(LinkLost, match=r"Thing on can0: cannot receive: the reason\.") as caught:
+        CanLine("Thing", port, lambda frame: "").drain()
+    assert remedy in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("bits", "counter"), [(0x02, "error_overflow"), (0x08, "error_warning"), (0x10, "error_passive")]
+)
+def test_states_of_the_can_controller_are_counted_by_name(
+    pair: tuple[BusPort, can.BusABC], bits: int, counter: str
+) -> None:
+    port, peer = pair
+    data = bytes([0, bits, 0, 0, 0, 0, 0, 0])
+    peer.send(can.Message(arbitration_id=0x4, is_error_frame=True, is_extended_id=False, data=data, dlc=8))
+    assert port.receive() == []
+    assert port.take_counters() == {"error_frame": 1, counter: 1}

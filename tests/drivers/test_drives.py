@@ -473,3 +473,13 @@ def test_wheels_tables_that_contradict_themselves_name_the_key() -> None:
     ):
         with pytest.raises(ValueError, match=text.replace("(", r"\(")):
             arena_of(kind, **wheels)
+
+
+@pytest.mark.parametrize("kind", ["odrive", "vesc"])
+def test_configuring_again_does_not_believe_what_was_heard_before(kind: str) -> None:
+    bench = Bench(kind)
+    bench.start()
+    bench.drive.close()
+    bench.host.fault(ROBOT, "hung")
+    with pytest.raises(LinkLost, match=r"no (heartbeat|status)"):
+        bench.drive.configure()
