@@ -71,7 +71,7 @@ def wheel_faults(table: Mapping[str, Any], path: str) -> list[Fault]:
         return faults
     module = module_of(family)
     options = read_table(module.Options, dict(table), path, faults)
-    return faults if options is None else module.check(options, path)
+    return faults if options is None else [*faults, *module.check(options, path)]
 
 
 def read_options(table: Mapping[str, Any]) -> tuple[Family, WheelOptions]:
