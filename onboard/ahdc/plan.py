@@ -177,15 +177,20 @@ class Planner:
         return Room(motion, brakes, long, short, far, self.keepouts(motion, brakes, partners))
 
     def keepouts(self, motion: Motion, brakes: tuple[Vector, Vector], partners: Sequence[Partner]) -> list[Keepout]:
-        """Circles of half the gap around every other robot's pose and stop points."""
+        """Circles of half the gap around every other robot's pose and stop points.
+
+        Left out where they cannot bind: a way of at most l clears a point at d >= 2 l + contact by half the gap.
+        """
         circles: list[Keepout] = []
         own = (motion.x_m, motion.y_m)
-        horizon = 2 * math.dist(own, brakes[0]) + self._parameters.max_speed_mps * 0.5 + 2 * CONTACT_M
+        way_m = math.dist(own, brakes[0]) + MOVE_SHARE * self._parameters.max_speed_mps * self.period_s
+        horizon_m = 2 * way_m + CONTACT_M
         for partner in partners:
-            if math.dist(own, (partner.x_m, partner.y_m)) > horizon:
-                continue
             for point in ((partner.x_m, partner.y_m), *partner.long_stops):
-                gap = min(math.dist(brakes[0], point), math.dist(own, point))
+                distance = math.dist(own, point)
+                if distance >= horizon_m:
+                    continue
+                gap = min(math.dist(brakes[0], point), distance)
                 if gap <= CONTACT_M:
                     radius = gap
                 elif partner.resting:

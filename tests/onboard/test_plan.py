@@ -62,6 +62,24 @@ def test_a_passed_command_keeps_every_disc_or_is_the_brake(
     assert max(abs(command.left_mps), abs(command.right_mps)) <= PARAMETERS.max_speed_mps + 1e-9
 
 
+@given(motions, rims, st.floats(-6, 6), st.lists(partners(), max_size=4))
+def test_a_passed_way_keeps_half_the_gap_to_every_robot(
+    motion: Motion, speed: float, turn: float, others: list[Partner]
+) -> None:
+    """The full rule, also for the robots that the planner leaves out as too far to bind."""
+    command = PLANNER.choose(PLANNER.room(motion, others), speed, turn)
+    if command.left_mps + command.right_mps == pytest.approx(0.0, abs=1e-9):
+        return
+    own, brake = (motion.x_m, motion.y_m), PLANNER.brake_points(motion)[0]
+    end = PLANNER.stop_points(motion, command.left_mps, command.right_mps)[0]
+    for partner in others:
+        for point in ((partner.x_m, partner.y_m), *partner.long_stops):
+            gap = min(math.dist(own, point), math.dist(brake, point))
+            least = gap if gap <= CONTACT_M else CONTACT_M if partner.resting else (CONTACT_M + gap) / 2
+            clearance = way_clearance_m(own, end, point)
+            assert clearance >= min(least, math.dist(own, point)) - 1e-6
+
+
 @given(motions, rims, rims)
 def test_a_stop_point_moves_less_in_a_period_than_the_planner_allows_for(
     motion: Motion, left: float, right: float
