@@ -6,6 +6,7 @@
 <site>/station/heartbeat      StationHeartbeat  20 Hz, silence stops robots
 <site>/station/targets        TargetCloud       cached for late joiners
 <site>/station/status         RunStatus
+<site>/station/seed           TargetCloud       an operator's wish; the station decides
 <site>/station/order          OrderRequest      an operator's wish; the station decides
 <site>/stop                   StopRequest       anybody; latches
 <site>/robot/<id>/state       NeighbourState    to the robots in radio range
@@ -69,6 +70,10 @@ class Keys:
         return f"{self.site}/station/status"
 
     @property
+    def seed(self) -> str:
+        return f"{self.site}/station/seed"
+
+    @property
     def order(self) -> str:
         return f"{self.site}/station/order"
 
@@ -116,7 +121,7 @@ class Keys:
                 return m.ExternalFrame
             case ["station", "heartbeat"]:
                 return m.StationHeartbeat
-            case ["station", "targets"]:
+            case ["station", "targets" | "seed"]:
                 return m.TargetCloud
             case ["station", "status"]:
                 return m.RunStatus

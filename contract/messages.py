@@ -171,6 +171,8 @@ class OrderRequest(Message, frozen=True, kw_only=True):
     number: Count
     """Drawn afresh for every request; a repeated number is the same request."""
     order: Literal["disarm", "arm", "run", "hold"]
+    robots: tuple[RobotId, ...] = ()
+    """Addressees; empty means all."""
 
 
 class StopRequest(Message, frozen=True, kw_only=True):

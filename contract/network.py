@@ -65,6 +65,7 @@ QOS: Mapping[str, Qos] = MappingProxyType(
         "heartbeat": _SAFETY,
         "stop": _SAFETY,
         "targets": _ORDERS,
+        "seed": _ORDERS,
         "order": _ORDERS,
         "status": _STATUS,
         "state": _NEIGHBOURS,

@@ -36,6 +36,7 @@ VERBS: dict[str, Verb] = {
     "release": Verb("groundstation.orders", "release a STOP; never resumes motion", "Run"),
     "status": Verb("groundstation.orders", "show what every robot does, once", "Run"),
     "watch": Verb("groundstation.watch", "show progress and every robot, live", "Run"),
+    "page": Verb("groundstation.page_server", "the arena page: see, seed, arm, start and STOP in a browser", "Run"),
     "session": Verb("groundstation.conduct", "conduct a mission: heartbeat, targets, completion", "Run"),
     "record": Verb("groundstation.recorder", "record everything the swarm says", "Judge"),
     "recover": Verb("groundstation.recover", "repair a recording that was cut off", "Judge"),

@@ -30,13 +30,13 @@ class Conductor:
 
     def __init__(self, arena: Arena, session: Session, cloud: TargetCloud, link: Link) -> None:
         self.session = session
-        self._cloud = cloud
+        session.cloud = cloud
         self._link = link
         self.listener: Callable[[Message, float], None] | None = None
         """Also told every message, with the monotonic time in seconds."""
         self._due = {"heartbeat": 0, "targets": 0, "status": 0}
         keys = link.keys
-        link.subscribe([keys.mocap_frame, keys.stop, keys.order])
+        link.subscribe([keys.mocap_frame, keys.stop, keys.order, keys.seed])
         link.subscribe(key for robot in arena.robots for key in (keys.report(robot), keys.state(robot)))
 
     def turn(self) -> None:
@@ -50,7 +50,7 @@ class Conductor:
             self.session.advance(now_ns)
             self._link.publish(self._link.keys.heartbeat, self.session.heartbeat(now_ns), "heartbeat")
         if self._take("targets", CLOUD_NS, now_ns):
-            self._link.publish(self._link.keys.targets, self._cloud, "targets")
+            self._link.publish(self._link.keys.targets, self.session.cloud, "targets")
         if self._take("status", STATUS_NS, now_ns):
             status = self.session.status(now_ns)
             self._link.publish(self._link.keys.status, status, "status")

@@ -55,7 +55,8 @@ class Session:
         self.min_lambda2 = math.inf
         self.split_frames = 0
         self._arena = arena
-        self._cloud = cloud
+        self.cloud = cloud
+        self._addressees: tuple[str, ...] = ()
         self._boot = boot
         self._plan = plan
         self._hash = digest(arena)
@@ -87,10 +88,27 @@ class Session:
             self._end("stopped", f"stop requested by {message.source}", "stop", now_ns)
         elif isinstance(message, OrderRequest) and message.number not in self._requests:
             self._requests.add(message.number)
-            self.order(message.order, now_ns)
+            self.order(message.order, now_ns, message.robots)
+        elif isinstance(message, TargetCloud):
+            self.seed(message)
 
-    def order(self, order: Order, now_ns: int) -> None:
-        """An operator's order. ``disarm`` also releases a stop and makes an ended session ready anew."""
+    def seed(self, cloud: TargetCloud) -> None:
+        """Take an operator's targets, before the swarm is armed and not after."""
+        if self.phase in ("waiting", "ready") and self._order == "disarm":
+            if cloud != self.cloud:
+                self.cloud = cloud
+                self._occupied.clear()
+        elif cloud != self.cloud:
+            self.detail = f"new targets refused while {self.phase}"
+
+    def order(self, order: Order, now_ns: int, robots: tuple[str, ...] = ()) -> None:
+        """An operator's order. ``disarm`` also releases a stop and makes an ended session ready anew.
+
+        With ``robots``, it is for these alone: the others stay as they are, and one of the others that is
+        found with power on its wheels is a stop for all.
+        """
+        if order == "disarm" or (order == "arm" and self.phase == "ready"):
+            self._addressees = robots
         if order == "stop":
             self._end("stopped", "stop ordered", "stop", now_ns)
         elif order == "disarm":
@@ -113,6 +131,11 @@ class Session:
     def advance(self, now_ns: int) -> None:
         """Move on where the facts allow it. Call at 20 Hz or so."""
         if self.phase in ENDED:
+            return
+        left_out = [r.robot for r in self.reports.values() if self._addressees and r.robot not in self._addressees]
+        powered = [name for name in left_out if self.reports[name].run in ("armed", "running", "holding")]
+        if powered:
+            self._end("stopped", f"{', '.join(powered)} not released, but with power on", "stop", now_ns)
             return
         faulty = [report for report in self.reports.values() if report.run == "fault"]
         if faulty and self.phase != "waiting":
@@ -164,7 +187,7 @@ class Session:
                 missing.append(f"{name} has another arena file ({report.arena_hash}, station {self._hash})")
             elif not report.pose_valid:
                 missing.append(f"{name} has no valid pose")
-            elif self._order_id == 1 and report.run != "disarmed":
+            elif (self._order_id == 1 or self._addressees) and report.run != "disarmed":
                 missing.append(f"{name} is {report.run}; release it (disarm)")
             elif report.run == "disarmed" and report.reason and self._order != "arm":
                 missing.append(f"{name}: {report.reason}")
@@ -176,7 +199,7 @@ class Session:
         return missing
 
     def _judge(self, now_ns: int) -> None:
-        total = len(self._cloud.targets)
+        total = len(self.cloud.targets)
         silent = [name for name in self._arena.robots if now_ns - self._heard_ns[name] > REPORT_FRESH_NS]
         self.detail = f"silent: {', '.join(silent)}" if silent else ""
         if len(self._occupied) == total:
@@ -229,18 +252,19 @@ class Session:
             stamp_ns=now_ns,
             order=self._order,
             order_id=self._order_id,
-            mission=self._cloud.mission,
+            robots=self._addressees if self._order != "stop" else (),
+            mission=self.cloud.mission,
             arena_hash=self._hash,
         )
 
     def status(self, now_ns: int) -> RunStatus:
         return RunStatus(
             stamp_ns=now_ns,
-            mission=self._cloud.mission,
+            mission=self.cloud.mission,
             phase=self.phase,
             detail=self.detail,
             elapsed_s=round(self.elapsed_s(now_ns), 3),
-            targets=len(self._cloud.targets),
+            targets=len(self.cloud.targets),
             occupied=self.occupied,
             lambda2=round(self._lambda2, 6),
             components=self._components,
@@ -254,7 +278,7 @@ class Session:
             bits = int(bitmap or "0", 16)
         except ValueError:
             return
-        for index in (target.index for target in self._cloud.targets):
+        for index in (target.index for target in self.cloud.targets):
             if bits >> index & 1 and index not in self._occupied:
                 self._occupied.append(index)
 

@@ -10,7 +10,7 @@ FORBIDDEN = {
     "talk of how the work is organised": r"\bissue #?\d|developer session|\bthis session\b",
     "something left to do": r"\bTO" + r"DO\b|\bFIX" + r"ME\b",
 }
-BINARY = (".png", ".mcap", ".gz", ".pdf", ".npz", ".bin")
+BINARY = (".png", ".mcap", ".gz", ".pdf", ".npz", ".bin", ".woff2")
 
 
 def faults(name: str, text: str) -> list[str]:

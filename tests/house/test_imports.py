@@ -47,6 +47,7 @@ SHELLS = (
     "groundstation/link.py",
     "groundstation/mock_arena.py",
     "groundstation/orders.py",
+    "groundstation/page_server.py",
     "groundstation/processes.py",
     "groundstation/provenance.py",
     "groundstation/recorder.py",

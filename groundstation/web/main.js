@@ -1,0 +1,187 @@
+/** The arena page: socket in, panels out, keys and buttons back. */
+import { repaint } from "./canvas.js";
+import { drawChart } from "./chart.js";
+import { ArenaMap } from "./map.js";
+import { drawBar, drawChecks, drawLegend, drawLog, drawRelease, drawRows, text } from "./panels.js";
+import { download, Seed } from "./seed.js";
+import { Stop } from "./stop.js";
+
+const $ = (id) => document.getElementById(id);
+const AGED_MS = 300, NO_DATA_MS = 1000, HOLD_MS = 600, ANSWER_MS = 2000;
+const token = new URLSearchParams(location.hash.slice(1)).get("token") || undefined;
+
+let socket = null, layout = null, view = null, viewAt = 0, asked = 0, holdFrom = 0, releaseNote = "", note = "";
+let history = [], marks = [];
+const waiting = new Map();
+
+function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  socket.onmessage = (event) => receive(JSON.parse(event.data));
+  socket.onclose = () => setTimeout(connect, 300);
+}
+
+function send(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ token, ...message }));
+}
+
+/** Ask for something; resolves to "" or the reason why not. */
+function ask(message) {
+  asked += 1;
+  const number = asked;
+  return new Promise((resolve) => {
+    waiting.set(number, resolve);
+    setTimeout(() => { if (waiting.delete(number)) resolve("the page's server does not answer"); }, ANSWER_MS);
+    send({ to: number, ...message });
+  });
+}
+
+async function order(name) { note = await ask({ do: "order", order: name }); }
+
+const map = new ArenaMap($("map"));
+const seed = new Seed(map, $("map"), ask, () => {});
+const stop = new Stop($("stop"), send, () => drawAll());
+
+function receive(message) {
+  if (message.kind === "layout") {
+    layout = message; history = message.history; marks = message.marks;
+    map.setLayout(layout); seed.setLayout(layout); document.title = `${layout.name}, arena`;
+  } else if (message.kind === "targets") seed.setServer(message.points);
+  else if (message.kind === "answer") { waiting.get(message.to)?.(message.text); waiting.delete(message.to); }
+  else if (message.kind === "view") {
+    view = message; viewAt = performance.now();
+    if (!view.elapsed) { history = []; marks = []; }
+    for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
+    if (view.marked !== marks.length) marks = view.marked > 40 && marks.length ? marks.slice(0, view.marked - view.marks.length).concat(view.marks) : view.marks;
+    map.setView(view, viewAt); stop.update(view.stop); drawAll();
+  }
+}
+
+// --- what to show -----------------------------------------------------------------------------------
+
+function age() { return viewAt ? performance.now() - viewAt + Math.max(0, view.age_s) * 1000 : Infinity; }
+
+function noData() {
+  if (!view || age() < NO_DATA_MS) return null;
+  const server = performance.now() - viewAt > NO_DATA_MS - 200;
+  const who = server ? "page server" : "router or motion capture";
+  const late = view.age_s < 0 && !server ? "yet" : `${(age() / 1000).toFixed(1)} s`;
+  return { title: `NO DATA ${late}, ${who}`, text: "Robots stop by themselves without poses. STOP is live." };
+}
+
+function drawAll() {
+  if (!view || !layout) { stop.draw(); return; }
+  const local = stop.state(), stopped = Boolean(local);
+  const body = document.body.classList;
+  body.toggle("stopped", stopped); body.toggle("aged", age() > AGED_MS);
+  document.body.dataset.run = stopped ? local.state : view.run.state;
+  drawBar(view, local);
+  drawRows(view, layout, map.selected, (id) => { map.selected = map.selected === id ? null : id; });
+  seed.open = view.can.seed && !stopped;
+  const placing = !stopped && ["DISARMED", "NO STATION"].includes(view.run.state);
+  $("seed").hidden = !placing; $("release").hidden = !view.stop;
+  $("chart-panel").hidden = placing || Boolean(view.stop); $("log").hidden = placing && view.checks.length > 4;
+  if (placing) {
+    drawChecks(view.checks); text($("seed-message"), seed.message || note);
+    for (const mode of ["point", "cloud"]) $(`tool-${mode}`).classList.toggle("on", seed.mode === mode);
+  }
+  if (view.stop) drawRelease(view.stop, $("release-word").value.toUpperCase(), releaseNote);
+  else { releaseNote = ""; if ($("release-word").value) $("release-word").value = ""; }
+  drawLog(view, window.innerWidth > 1360 ? 4 : 2);
+  drawActions(stopped);
+  stop.draw();
+  drawLegend(seed.open ? ["disarmed", "target", "attention", "kept", "fence"] : ["kept", "critical", "removed", ...(view.links.some((l) => l[2] === 3) ? ["unverified"] : []), "open", "seen", "tracked", "done", "fence"]);
+  if (!$("chart-panel").hidden) {
+    text($("chart-now"), "");
+    $("chart-now").innerHTML = `<span>now ${view.l2.toFixed(2)}</span><span>floor ${layout.floor.toFixed(2)}</span><span>last 60 s</span>`;
+    drawChart($("chart"), { history, marks, elapsed: view.elapsed, floor: layout.floor });
+  }
+}
+
+/** [key, label, enabled, primary, action] of the state. */
+function actionList() {
+  const can = view.can, n = layout.robots.length, state = view.run.state;
+  const rings = ["C", "Rings", true, false, () => { map.rings = !map.rings; }], lock = ["L", "Disarm", can.disarm, false, () => order("disarm")];
+  if (state === "RUNNING") return [rings, ["H", "Hold", can.hold, false, () => order("hold")]];
+  if (state === "HOLDING") return [lock, ["Enter", "Go on", can.start, true, () => order("run")]];
+  if (state === "ARMED" || state === "ARMING") return [lock, ["Enter", "Start", can.start, true, () => order("run")]];
+  if (state === "COMPLETED" || state === "FAILED") return [rings, ["L", "Reset", can.disarm, true, () => order("disarm")]];
+  return [["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
+}
+
+let actions = [], actionWords = "";
+function drawActions(stopped) {
+  actions = stopped ? [] : actionList();
+  const words = actions.map(([key, label, enabled, primary]) => `${key}|${label}|${enabled}|${primary}`).join(";");
+  if (words === actionWords) return;
+  actionWords = words;
+  $("actions").replaceChildren(...actions.map(([key, label, enabled, primary], k) => {
+    const button = document.createElement("button"), hint = document.createElement("kbd");
+    button.type = "button"; button.disabled = !enabled; button.className = primary && enabled ? "primary" : ""; button.dataset.action = label;
+    hint.textContent = key; button.append(`${label} `, hint);
+    button.addEventListener("click", () => { actions[k]?.[4](); button.blur(); });
+    return button;
+  }));
+}
+
+function loop(now) {
+  if (layout) map.draw(now, seed, { stopped: document.body.classList.contains("stopped"), noData: noData() });
+  if (holdFrom && now - holdFrom >= HOLD_MS) { holdFrom = 0; actions.find(([key, , enabled]) => key === "Enter" && enabled)?.[4](); }
+  requestAnimationFrame(loop);
+}
+
+// --- keys and buttons ---------------------------------------------------------------------------------
+
+function screenshot() { drawAll(); download($("map").toDataURL("image/png"), `${layout.name}-${Math.round(view.elapsed)}s.png`); }
+
+function theme(name) {
+  document.documentElement.dataset.theme = name;
+  try { localStorage.setItem("theme", name); } catch { /* private window: the choice lasts as long as the page */ }
+  repaint(); drawAll();
+}
+
+function select(step) {
+  const ids = layout.robots, at = ids.indexOf(map.selected);
+  map.selected = ids[(at + step + ids.length + (at < 0 && step < 0 ? 1 : 0)) % ids.length];
+}
+
+document.addEventListener("keydown", (event) => {
+  if (event.target.tagName === "INPUT" || event.ctrlKey || event.metaKey || event.altKey || !view) return;
+  const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
+  if (seed.key(event, document.activeElement === $("map"))) { event.preventDefault(); return; }
+  if (key === "Enter") { event.preventDefault(); if (!event.repeat) holdFrom = performance.now(); return; }
+  const action = actions.find(([name, , enabled]) => name === key && enabled);
+  if (event.repeat) return;
+  if (action) action[4]();
+  else if (key === "C") map.rings = !map.rings;
+  else if (key === "R") map.turn = (map.turn + 1) % 4;
+  else if (key === "D") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  else if (key === "M") screenshot();
+  else if (key === "P") seed.mode = "point";
+  else if (key === "G") seed.mode = "cloud";
+  else if (key === "O") $("file").click();
+  else if (key === "S") seed.save();
+  else if (key === "ArrowUp" || key === "ArrowDown") { select(key === "ArrowUp" ? -1 : 1); event.preventDefault(); }
+  else if (key === "?") $("help").hidden = !$("help").hidden;
+  else if (key === "Escape") { $("help").hidden = true; map.selected = null; }
+});
+document.addEventListener("keyup", (event) => { if (event.key === "Enter") holdFrom = 0; });
+window.addEventListener("blur", () => { holdFrom = 0; });
+$("tool-point").addEventListener("click", () => { seed.mode = "point"; });
+$("tool-cloud").addEventListener("click", () => { seed.mode = "cloud"; });
+$("tool-undo").addEventListener("click", () => seed.undo());
+$("tool-load").addEventListener("click", () => $("file").click());
+$("file").addEventListener("change", () => { const [file] = $("file").files; if (file) seed.load(file); $("file").value = ""; });
+$("release-word").addEventListener("input", () => drawAll());
+$("release-form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  releaseNote = await ask({ do: "release", typed: $("release-word").value });
+  $("release-word").blur();
+});
+
+let saved = null;
+try { saved = localStorage.getItem("theme"); } catch { saved = null; }
+document.documentElement.dataset.theme = saved || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+setInterval(drawAll, 100);
+requestAnimationFrame(loop);
+connect();
+stop.draw();

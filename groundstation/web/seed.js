@@ -1,0 +1,173 @@
+/** Seeding targets: click places, drag makes a cloud, drag moves; undo, keys, load and save. The server has the last word. */
+const GRAB_PX = 20, DRAG_PX = 8, STEP_M = 0.05, MOST_HISTORY = 200;
+
+/** Numbers that repeat for a seed. */
+function random(seed) {
+  let a = seed >>> 0;
+  return () => { a = (a + 0x6d2b79f5) >>> 0; let t = Math.imul(a ^ (a >>> 15), 1 | a); t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t; return ((t ^ (t >>> 14)) >>> 0) / 4294967296; };
+}
+
+/** Targets of the smaller pieces, each with its distance to the nearest target of another piece. */
+export function straysOf(points, reach) {
+  if (points.length > 200) return [];
+  const left = new Set(points.keys()), pieces = [];
+  while (left.size) {
+    const todo = [left.values().next().value], piece = []; left.delete(todo[0]);
+    while (todo.length) {
+      const k = todo.pop(); piece.push(k);
+      for (const m of left) if (Math.hypot(points[k][0] - points[m][0], points[k][1] - points[m][1]) <= reach) { left.delete(m); todo.push(m); }
+    }
+    pieces.push(piece);
+  }
+  if (pieces.length < 2) return [];
+  const largest = pieces.reduce((a, b) => (b.length > a.length ? b : a));
+  return pieces.filter((p) => p !== largest).flatMap((piece) => piece.map((index) => {
+    let gap = Infinity, nearest = null;
+    points.forEach((q, k) => { const d = Math.hypot(points[index][0] - q[0], points[index][1] - q[1]); if (!piece.includes(k) && d < gap) { gap = d; nearest = q; } });
+    return { index, gap, nearest };
+  })).sort((a, b) => a.index - b.index);
+}
+
+export class Seed {
+  constructor(map, canvas, ask, changed) {
+    Object.assign(this, { map, canvas, ask, changed });
+    this.points = []; this.server = []; this.past = []; this.future = [];
+    this.mode = "point"; this.count = 5; this.draw = 1; this.open = false; this.pending = false;
+    this.chosen = null; this.ghost = null; this.cross = null; this.refused = null; this.strays = []; this.message = "";
+    canvas.addEventListener("pointerdown", (e) => this.down(e));
+    canvas.addEventListener("pointermove", (e) => this.move(e));
+    canvas.addEventListener("pointerup", (e) => this.up(e));
+    canvas.addEventListener("pointercancel", () => this.drop());
+  }
+
+  setLayout(layout) { this.layout = layout; }
+
+  /** The station's targets. */
+  setServer(points) { this.server = points; this.pending = false; this.set(points); }
+
+  set(points) { this.points = points; this.strays = straysOf(points, this.layout.r_c); if (this.chosen >= points.length) this.chosen = null; this.changed(); }
+
+  async commit(points) {
+    if (!this.open) return;
+    this.past.push(this.points); if (this.past.length > MOST_HISTORY) this.past.shift();
+    this.future = [];
+    await this.apply(points);
+  }
+
+  async apply(points) {
+    this.set(points);
+    if (!points.length) { this.message = "At least one target is needed: the station keeps the last ones"; this.changed(); return; }
+    const before = this.server, text = await this.ask({ do: "seed", points });
+    this.message = text; if (text) this.set(before);
+    this.changed();
+  }
+
+  undo() { if (this.open && this.past.length) { this.future.push(this.points); this.apply(this.past.pop()); } }
+  redo() { if (this.open && this.future.length) { this.past.push(this.points); this.apply(this.future.pop()); } }
+
+  inside([x, y]) { const { size, fence } = this.layout; return x >= fence && y >= fence && x <= size[0] - fence && y <= size[1] - fence; }
+
+  fenceText() { const { size, fence } = this.layout; return `x ${fence} to ${(size[0] - fence).toFixed(2)}, y ${fence} to ${(size[1] - fence).toFixed(2)} m`; }
+
+  at(event) { const box = this.canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; }
+
+  robotAt([px, py]) {
+    return this.map.view?.robots.find((r) => { if (r.x === undefined) return false; const [x, y] = this.map.toScreen(r.x, r.y); return Math.hypot(x - px, y - py) < this.map.radius + 6; });
+  }
+
+  down(event) {
+    const px = this.at(event), robot = this.robotAt(px);
+    if (robot) { this.map.selected = this.map.selected === robot.id ? null : robot.id; this.changed(); return; }
+    if (!this.open || event.button !== 0) return;
+    this.canvas.setPointerCapture(event.pointerId);
+    const near = this.points.map((p, k) => [Math.hypot(...this.map.toScreen(...p).map((v, i) => v - px[i])), k]).filter((e) => e[0] < GRAB_PX).sort((a, b) => a[0] - b[0])[0];
+    this.grip = { px, target: near ? near[1] : null, moved: false };
+    this.chosen = near ? near[1] : null;
+    this.refused = null;
+  }
+
+  move(event) {
+    if (!this.grip) return;
+    const px = this.at(event), grip = this.grip;
+    if (!grip.moved && Math.hypot(px[0] - grip.px[0], px[1] - grip.px[1]) < DRAG_PX) return;
+    grip.moved = true;
+    const here = this.map.toArena(...px);
+    if (grip.target !== null) {
+      grip.points ??= this.points;
+      this.refused = this.inside(here) ? null : { at: here, text: this.fenceText() };
+      if (!this.refused) this.set(grip.points.map((p, k) => (k === grip.target ? round(here) : p)));
+      return;
+    }
+    const center = this.map.toArena(...grip.px);
+    this.ghost = { center, to: here, radius: Math.hypot(here[0] - center[0], here[1] - center[1]) };
+    this.ghost.points = this.cloud(this.ghost);
+  }
+
+  up(event) {
+    const grip = this.grip; this.grip = null;
+    if (!grip) return;
+    if (grip.moved && grip.target !== null) {
+      const points = this.points;
+      if (grip.points) { this.points = grip.points; this.refused = null; this.commit(points); }
+    } else if (this.ghost) {
+      const points = this.ghost.points; this.ghost = null; this.draw += 1;
+      if (points.length) this.commit([...this.points, ...points]);
+    } else if (grip.target === null && this.mode === "point") this.add(this.map.toArena(...this.at(event)));
+    this.changed();
+  }
+
+  drop() { this.grip = null; this.ghost = null; this.refused = null; }
+
+  add(point) {
+    if (!this.inside(point)) { this.refused = { at: point, text: this.fenceText() }; return; }
+    this.refused = null;
+    this.commit([...this.points, round(point)]);
+  }
+
+  /** Points within the circle, apart from each other, inside the fence; the same for the same draw. */
+  cloud({ center, radius }) {
+    const next = random(this.draw), points = [];
+    for (let tries = 0; tries < 400 && points.length < this.count; tries += 1) {
+      const r = radius * Math.sqrt(next()), way = next() * 2 * Math.PI, p = [center[0] + r * Math.cos(way), center[1] + r * Math.sin(way)];
+      if (this.inside(p) && points.every((q) => Math.hypot(p[0] - q[0], p[1] - q[1]) > Math.min(0.15, radius / this.count))) points.push(round(p));
+    }
+    return points;
+  }
+
+  remove() { if (this.open && this.chosen !== null) this.commit(this.points.filter((_, k) => k !== this.chosen)); }
+
+  /** True where the key was used. */
+  key(event, focused) {
+    if (!this.open) return false;
+    const key = event.key, ways = { ArrowUp: [0, -1], ArrowDown: [0, 1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
+    if (key in ways && focused) {
+      const { size } = this.layout, here = this.cross || [size[0] / 2, size[1] / 2], [x, y] = this.map.toScreen(...here), way = ways[key];
+      const moved = this.map.toArena(x + way[0] * STEP_M * this.map.scale, y + way[1] * STEP_M * this.map.scale);
+      this.cross = moved.map((v, k) => Math.min(size[k], Math.max(0, Math.round(v / STEP_M) * STEP_M)));
+    } else if (key === "t" || key === "T") { if (this.cross) this.add(this.cross); }
+    else if (key === "Delete" || key === "Backspace") this.remove();
+    else if (key === "z") this.undo();
+    else if (key === "Z") this.redo();
+    else if (key === "+" || key === "-") this.count = Math.min(50, Math.max(1, this.count + (key === "+" ? 1 : -1)));
+    else return false;
+    return true;
+  }
+
+  save() {
+    const blob = new Blob([JSON.stringify({ points: this.points }) + "\n"], { type: "application/json" });
+    download(URL.createObjectURL(blob), `${this.layout.name}-targets.json`);
+  }
+
+  async load(file) {
+    try {
+      const value = JSON.parse(await file.text());
+      await this.commit(Array.isArray(value) ? value : value.points);
+    } catch { this.message = `${file.name}: a list of [x, y] in metres is needed`; this.changed(); }
+  }
+}
+
+const round = (p) => p.map((v) => Math.round(v * 1000) / 1000);
+
+export function download(url, name) {
+  const link = document.createElement("a"); link.href = url; link.download = name; link.click();
+}
