@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from drivers.base import ControllerFault, LinkLost, Refused, WheelSpeeds
 from drivers.mock.faults import FAULTS, FaultSettings
 
-KINDS = ("odrive", "roboclaw", "ros_arduino", "dynamixel", "vesc")
-VOLTS = {"odrive": 24.0, "roboclaw": 12.0, "dynamixel": 5.0, "vesc": 24.0}
+KINDS = ("odrive", "roboclaw", "ros_arduino", "dynamixel", "vesc", "cia402")
+VOLTS = {"cia402": 24.0, "odrive": 24.0, "roboclaw": 12.0, "dynamixel": 5.0, "vesc": 24.0}
 SPEED_STEP = {"ros_arduino": 0.15, "dynamixel": 0.02, "vesc": 0.02}
 """Resolution of the speed command and its feedback, rad/s."""
 REFUSALS = {"garbage_line", "bad_crc", "foreign_byte", "unknown_command", "gap", "invalid_command", "garbage_byte"}
