@@ -1,7 +1,5 @@
 """NMT and SDO by the ``canopen`` library over a :class:`CanLine`, without threads and in the port's own time."""
 
-import logging
-
 import canopen
 from canopen.nmt import NmtMaster
 from canopen.objectdictionary import ObjectDictionary
@@ -14,7 +12,6 @@ from drivers.can.frame import CanFrame
 from drivers.can.line import CanLine
 
 REPLY_S = 0.1
-logging.getLogger("canopen").addHandler(logging.NullHandler())
 
 
 class LineNetwork(canopen.Network):
