@@ -13,6 +13,7 @@
 <site>/robot/<id>/report      RobotReport
 <site>/robot/<id>/steps       StepBatch
 <site>/robot/<id>/feedback    FeedbackBatch
+<site>/robot/<id>/inputs      InputBatch        what its agent was given, for replay
 <site>/motor/<id>             MotorBatch        from the emulated controllers only
 <site>/log/<source>           LogEntry
 <site>/presence/<source>      liveliness token: presence, never a safety signal
@@ -93,6 +94,9 @@ class Keys:
     def feedback(self, robot: str) -> str:
         return f"{self.site}/robot/{self._chunk('robot', robot)}/feedback"
 
+    def inputs(self, robot: str) -> str:
+        return f"{self.site}/robot/{self._chunk('robot', robot)}/inputs"
+
     def motor(self, robot: str) -> str:
         return f"{self.site}/motor/{self._chunk('robot', robot)}"
 
@@ -137,6 +141,8 @@ class Keys:
                 return m.StepBatch
             case ["robot", _, "feedback"]:
                 return m.FeedbackBatch
+            case ["robot", _, "inputs"]:
+                return m.InputBatch
             case ["motor", _]:
                 return m.MotorBatch
             case ["log", _]:

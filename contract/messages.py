@@ -342,6 +342,39 @@ class StepBatch(Message, frozen=True, kw_only=True):
     steps: tuple[RobotStep, ...]
 
 
+InputKind = Literal[
+    "frame", "state", "heartbeat", "stop", "targets", "feedback", "fault", "active", "step", "tick", "wrote", "outbox"
+]
+"""What an agent is given: messages, what its driver says, and the calls that make it act."""
+
+
+class Input(Struct, frozen=True, array_like=True):
+    """One thing an agent was given, named rather than repeated; with what is recorded elsewhere it can be replayed."""
+
+    kind: InputKind
+    after_ns: int
+    """Site time given with it, less that of the one before."""
+    word: str = ""
+    """Sender of a state or stop, mission of a target cloud, text of a driver fault."""
+    origin: int = 0
+    """Session of a frame, boot of a state or heartbeat, stop_id of a stop."""
+    number: int = 0
+    """Frame number, seq, stamp_ns (stop, feedback), or 1 for active."""
+    check: int = 0
+    """CRC-32 of the payload, of frames and target clouds."""
+
+
+class InputBatch(Message, frozen=True, kw_only=True):
+    """Everything a robot's agent was given since the batch before, in order; the first since its start is number 0."""
+
+    robot: RobotId
+    boot: Count
+    number: Count
+    since_ns: Nanoseconds
+    """Time before the first input."""
+    inputs: tuple[Input, ...]
+
+
 # --- wheels ---------------------------------------------------------------------------------------
 
 

@@ -72,6 +72,7 @@ QOS: Mapping[str, Qos] = MappingProxyType(
         "report": _STATUS,
         "steps": _TELEMETRY,
         "feedback": _TELEMETRY,
+        "inputs": _TELEMETRY,
         "motor": _TELEMETRY,
         "log": _LOGS,
     }

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from contract.arena import Arena, digest
+from contract.codec import encode
 from contract.keys import Keys
 from contract.messages import (
     SCHEMA_VERSION,
@@ -30,6 +31,7 @@ from groundstation.targets import Scenario, lower_bound_s
 from groundstation.wire import Wire
 from onboard.agent import Agent
 from onboard.ahdc.stopping import Brake
+from onboard.journal import JournalledAgent
 from onboard.odometry import Pose
 
 SUBSTEP_NS = 2_000_000
@@ -108,8 +110,8 @@ class World:
     disconnected_steps: int = 0
     collisions: int = 0
     min_distance_m: float = math.inf
-    tap: Callable[[str, Message, int], None] | None = None
-    """Hears key, message and time of whatever is published but frames, which are told as they arrive at the first."""
+    tap: Callable[[str, bytes, int], None] | None = None
+    """Hears key, payload and time of whatever is published, as a recorder would."""
 
     def __post_init__(self) -> None:
         self._digest = digest(self.arena)
@@ -134,7 +136,7 @@ class World:
             heading = rng.uniform(-math.pi, math.pi)
             brake = Brake(rng.uniform(*conditions.deceleration_mps2), rng.uniform(*conditions.lag_s))
             plants[name] = Plant(Pose(start[0], start[1], heading), brake)
-            self.agents[name] = Agent(self.arena, name, boot=1)
+            self.agents[name] = (Agent if self.tap is None else JournalledAgent)(self.arena, name, boot=1)
             self._phase_ns[name] = rng.uniform(*conditions.pose_age_s) * 1e9
         self.hops: Hops = (
             Wire(self.arena, plants, self.agents, self.seed)
@@ -160,7 +162,10 @@ class World:
         return self._result(self.until(self.limit_s))
 
     def until(self, mission_s: float) -> bool:
-        """Play to that time after the start, which may be negative; True once every target is occupied."""
+        """Play to that time after the start, which may be negative; True once every target is occupied.
+
+        What arrives while a robot waits for its motors reaches it afterwards, but for frames: newer ones follow.
+        """
         limit_ns = self._begin_ns + RUN_NS + int(mission_s * 1e9)
         handlers: dict[str, Callable[[str, Any], None]] = {
             "frame": self._on_frame,
@@ -174,7 +179,8 @@ class World:
         while not done and self.now_ns < limit_ns:
             self.now_ns, _, kind, name, what = heapq.heappop(self._queue)
             if name and (free_ns := self.hops.free_ns(name)) > self.now_ns:
-                self._at(free_ns, kind, name, what)
+                if kind != "arrival":
+                    self._at(free_ns, kind, name, what)
                 continue
             handlers[kind](name, what)
             done = self._running and kind == "arrival" and self._occupied() == len(self.scenario.targets)
@@ -192,14 +198,17 @@ class World:
 
     def _publish(self, key: str, message: Message) -> None:
         """Give all robots a message of the station's."""
-        if self.tap is not None:
-            self.tap(key, message, self.now_ns)
         parcel = self.hops.pack(key, message)
+        self._tell(key, parcel)
         for name in self.agents:
             if (free_ns := self.hops.free_ns(name)) > self.now_ns:
                 self._at(free_ns, "message", name, (key, parcel))
             else:
                 self.hops.deliver(name, key, parcel, self.now_ns)
+
+    def _tell(self, key: str, parcel: Any) -> None:
+        if self.tap is not None:
+            self.tap(key, parcel if isinstance(parcel, bytes) else encode(parcel), self.now_ns)
 
     def _on_frame(self, _: str, __: Any) -> None:
         conditions, rng = self.conditions, self._rng
@@ -214,6 +223,7 @@ class World:
             seen[name] = Pose(x, y, math.remainder(heading, math.tau))
         frame = self.hops.frame(self.now_ns, seen)
         if frame is not None:
+            self._tell(self._keys.mocap_frame, frame)
             for name in self.agents:
                 self._at(self.now_ns + self.hops.way_ns + self._age_ns(name), "arrival", name, frame)
         self._frame += 1
@@ -248,10 +258,9 @@ class World:
         self.hops.deliver(name, *what, self.now_ns)
 
     def _send(self, sender: str, key: str, message: Message) -> None:
-        if self.tap is not None:
-            self.tap(key, message, self.now_ns)
+        parcel = self.hops.pack(key, message) if self.tap is not None or isinstance(message, NeighbourState) else None
+        self._tell(key, parcel)
         if isinstance(message, NeighbourState):
-            parcel = self.hops.pack(key, message)
             low, high = self.conditions.pose_age_s
             for name in self.agents:
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):

@@ -149,16 +149,17 @@ class Rig:
         self.end()
 
     def start(self, robots: Iterable[str] | None = None) -> None:
-        """Start everything at once and wait until all works.
+        """Start everything and wait until all works; the recorder before the robots, which makes the run replayable.
 
         :raises groundstation.processes.ChildError: naming what did not start, with its last words.
         """
         self._child("bridge", "mocap_bridge", "run")
+        if self._record:
+            self._child("recorder", "groundstation", "record", "--out", str(self.out))
+            self.family.wait_ready(READY_S)
         self._child("mock_arena", "groundstation.mock_arena")
         for name in self.arena.robots if robots is None else robots:
             self.start_robot(name)
-        if self._record:
-            self._child("recorder", "groundstation", "record", "--out", str(self.out))
         self.family.wait_ready(READY_S)
 
     def start_robot(self, name: str) -> Child:

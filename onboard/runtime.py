@@ -26,6 +26,7 @@ from drivers.lifecycle import Wheels
 from drivers.registry import open_robot, wheel_faults
 from onboard.agent import Agent, Drive
 from onboard.inbox import Inbox, read
+from onboard.journal import JournalledAgent
 
 TICK_NS = 18_000_000
 HOUSEKEEPING_NS = 2_000_000
@@ -100,7 +101,7 @@ class Runtime:
 
         for key in self._urgency:
             session.declare_subscriber(key, store, allowed_origin=zenoh.Locality.REMOTE)
-        for channel in ("state", "report", "steps", "feedback", "log"):
+        for channel in ("state", "report", "steps", "feedback", "inputs", "log"):
             qos = network.QOS[channel]
             key = getattr(self._keys, channel)(self._robot)
             self._publishers[key] = session.declare_publisher(
@@ -188,5 +189,5 @@ def run(path: Path, robot: str) -> int:
     arena = load(path, wheel_faults)
     robot_or_fault(arena, robot)
     os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
-    agent = Agent(arena, robot, boot=time.time_ns() // 1_000_000)
+    agent = JournalledAgent(arena, robot, boot=time.time_ns() // 1_000_000)
     return Runtime(arena, robot, agent, open_robot(arena, robot)).run()

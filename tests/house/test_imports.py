@@ -21,11 +21,13 @@ MAY_IMPORT_ROOMS = {
     "groundstation/hops.py": EVERY_ROOM,
     "groundstation/lockstep.py": EVERY_ROOM,
     "groundstation/mock_arena.py": EVERY_ROOM,
+    "groundstation/replaying.py": {"contract", "onboard"},
     "groundstation/rig.py": EVERY_ROOM,
     "groundstation/wire.py": EVERY_ROOM,
 }
 """onboard/runtime.py turns wheels; rig.py and mock_arena.py compose a mission's processes; hops.py, lockstep.py and
-wire.py play a mission in one process and virtual time, which takes agents, drivers and motion capture together."""
+wire.py play a mission in one process and virtual time, which takes agents, drivers and motion capture together;
+replaying.py feeds a recording to the very agent."""
 DEVICES = {"can", "serial", "socket", "zenoh", "mcap"}
 MACHINE = {"asyncio", "logging", "multiprocessing", "select", "selectors", "signal", "subprocess", "threading", "time"}
 IMPURE = DEVICES | MACHINE
