@@ -169,7 +169,9 @@ class Page:
                 self.state.note("Release typed", "info", now_ns)
             case "seed":
                 try:
-                    wish = cloud(self.arena, points_of(message.get("points")), f"{self.arena.arena.name}-{number}")
+                    wish = cloud(
+                        self.arena, points_of(message.get("points")), f"{self.arena.arena.name}-{number % 1_000_000}"
+                    )
                 except SeedError as error:
                     return str(error)
                 status = self.state.status
@@ -208,7 +210,7 @@ class Page:
             self.turn(time.monotonic_ns())
             now = time.monotonic()
             if now >= view_due:
-                view_due = max(view_due + VIEW_S, now)
+                view_due = view_due + VIEW_S if now - view_due < VIEW_S else now + VIEW_S
                 self._show()
             waiting = self.state.latch.pressed is not None and self.state.latch.silent
             left = view_due - time.monotonic()

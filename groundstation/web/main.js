@@ -86,7 +86,7 @@ function drawAll() {
   }
   if (view.stop) drawRelease(view.stop, $("release-word").value.toUpperCase(), releaseNote);
   else { releaseNote = ""; if ($("release-word").value) $("release-word").value = ""; }
-  drawLog(view, window.innerWidth > 1360 ? 4 : 2);
+  drawLog(view, view.stop && window.innerWidth > 1360 ? 4 : window.innerWidth > 1360 ? 2 : 1);
   drawActions(stopped);
   stop.draw();
   drawLegend(seed.open ? ["disarmed", "target", "attention", "kept", "fence"] : ["kept", "critical", "removed", ...(view.links.some((l) => l[2] === 3) ? ["unverified"] : []), "open", "seen", "tracked", "done", "fence"]);

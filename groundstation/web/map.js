@@ -127,7 +127,7 @@ export class ArenaMap {
 
   drawTrails(now) {
     const c = this.c;
-    c.lineWidth = this.many ? 2 : 4; c.lineCap = "round";
+    c.lineWidth = this.many ? 2 : 4;
     c.strokeStyle = this.stopped ? color("--removed") : color("--kept");
     for (const trail of this.trails.values()) {
       for (let k = 1; k < trail.length; k += 1) {
@@ -135,7 +135,7 @@ export class ArenaMap {
         c.beginPath(); c.moveTo(...this.toScreen(trail[k - 1].x, trail[k - 1].y)); c.lineTo(...this.toScreen(trail[k].x, trail[k].y)); c.stroke();
       }
     }
-    c.globalAlpha = 1; c.lineCap = "butt";
+    c.globalAlpha = 1;
   }
 
   drawRings(robot) {

@@ -1,0 +1,237 @@
+"""The arena page's server over real sockets, with the websockets package as the browser."""
+
+import asyncio
+import json
+import socket
+import threading
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+from websockets.sync.client import ClientConnection, connect
+
+from contract.arena import load
+from contract.keys import Keys
+from contract.messages import Message, OrderRequest, RunStatus, StopRequest, TargetCloud
+from groundstation import rig
+from groundstation.page_server import Client, Page, application, is_loopback
+
+ARENA = load(rig.find_arena("experiment2"))
+
+
+class Wire:
+    """A router's stand-in: keeps what is published, hands over what is put in."""
+
+    def __init__(self) -> None:
+        self.keys = Keys(ARENA.arena.name)
+        self.sent: list[tuple[str, Message]] = []
+        self.arrived: list[tuple[Message, int]] = []
+        self.changed = threading.Condition()
+
+    def publish(self, key: str, message: Message, channel: str) -> None:
+        with self.changed:
+            self.sent.append((key, message))
+            self.changed.notify_all()
+
+    def take(self) -> list[tuple[Message, int]]:
+        taken, self.arrived = self.arrived, []
+        return taken
+
+    def wait_for(self, kind: type[Message]) -> Message:
+        """The first published message of this kind."""
+        with self.changed:
+            assert self.changed.wait_for(lambda: any(isinstance(m, kind) for _, m in self.sent), 10.0)
+            return next(m for _, m in self.sent if isinstance(m, kind))
+
+
+class Served:
+    def __init__(self, token: str = "") -> None:
+        self.wire = Wire()
+        self.page = Page(ARENA, self.wire, token)  # type: ignore[arg-type]
+        config = uvicorn.Config(application(self.page), port=0, log_level="error", ws_per_message_deflate=False)
+        self.server = uvicorn.Server(config)
+        self.started = threading.Event()
+        self.thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+
+    async def _serve(self) -> None:
+        serving = asyncio.create_task(self.server._serve())
+        while not self.server.started:
+            await asyncio.sleep(0.005)
+        self.port = self.server.servers[0].sockets[0].getsockname()[1]
+        self.started.set()
+        await serving
+
+    def __enter__(self) -> "Served":
+        self.thread.start()
+        assert self.started.wait(20.0)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.server.should_exit = self.server.force_exit = True
+        self.thread.join(10.0)
+
+    def socket(self, **options: Any) -> ClientConnection:
+        return connect(f"ws://127.0.0.1:{self.port}/ws", compression=None, **options)
+
+    def socket_by_name(self, name: str) -> ClientConnection:
+        """As a browser comes that was told this name for 127.0.0.1."""
+        return connect(f"ws://{name}/ws", sock=socket.create_connection(("127.0.0.1", self.port)), compression=None)
+
+    def post(self, path: str, body: bytes, **headers: str) -> dict[str, Any]:
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", body, headers, method="POST")
+        with urllib.request.urlopen(request, timeout=10) as response:
+            answer: dict[str, Any] = json.load(response)
+            return answer
+
+    def get(self, path: str) -> tuple[bytes, str]:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=10) as response:
+            return response.read(), response.headers["Content-Security-Policy"]
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with Served() as running:
+        yield running
+
+
+def kinds(browser: ClientConnection, wanted: str) -> dict[str, Any]:
+    """The next message of a kind."""
+    for _ in range(500):
+        message: dict[str, Any] = json.loads(browser.recv(timeout=10))
+        if message["kind"] == wanted:
+            return message
+    raise AssertionError(f"no {wanted} in 500 messages")
+
+
+def ask(browser: ClientConnection, **message: object) -> str:
+    browser.send(json.dumps({"to": 1, **message}))
+    answer = kinds(browser, "answer")
+    assert answer["to"] == 1
+    text: str = answer["text"]
+    return text
+
+
+def test_page_and_every_file_it_names_come_from_here(served: Served) -> None:
+    web = Path(rig.__file__).parent / "web"
+    body, policy = served.get("/")
+    assert b"STOP ALL" in body
+    assert "default-src 'self'" in policy
+    for file in sorted(p for p in web.rglob("*") if p.is_file()):
+        assert served.get(f"/web/{file.relative_to(web).as_posix()}")[0] == file.read_bytes()
+    code = "".join(p.read_text() for p in web.rglob("*") if p.suffix in (".js", ".css", ".html"))
+    assert "http://" not in code
+    assert "https://" not in code
+
+
+def test_a_browser_gets_layout_then_views(served: Served) -> None:
+    with served.socket() as browser:
+        assert json.loads(browser.recv(timeout=10))["kind"] == "layout"
+        view = kinds(browser, "view")
+    assert view["run"]["state"] == "NO STATION"
+    assert [row["id"] for row in view["robots"]] == list(ARENA.robots)
+
+
+def test_stop_by_both_paths_is_one_press(served: Served) -> None:
+    with served.socket() as browser:
+        browser.send(json.dumps({"do": "stop", "id": 77, "source": "Space"}))
+        assert served.post("/stop", b'{"id": 77, "source": "Space"}') == {"stop_id": 77}
+        for _ in range(100):
+            stop = kinds(browser, "view")["stop"]
+            if stop and stop["known"]:
+                break
+    assert served.wire.wait_for(StopRequest).source == "Space"  # type: ignore[attr-defined]
+    assert {m.stop_id for _, m in served.wire.sent if isinstance(m, StopRequest)} == {77}
+    assert stop["silent"] == list(ARENA.robots)
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"[]", b'{"id": "x", "source": 5}', b'{"id": -1}', b'{"id": 1e99}'])
+def test_stop_works_whatever_the_body_and_wherever_from(served: Served, body: bytes) -> None:
+    assert served.post("/stop", body, Origin="http://elsewhere.example", Host="elsewhere.example")["stop_id"] > 0
+    assert isinstance(served.wire.wait_for(StopRequest), StopRequest)
+
+
+def test_only_this_page_may_order(served: Served) -> None:
+    here = f"http://127.0.0.1:{served.port}"
+    with served.socket(origin="http://elsewhere.example") as browser:
+        assert "not allowed" in ask(browser, do="order", order="arm")
+    with served.socket_by_name("rebound.example") as browser:
+        assert "not allowed" in ask(browser, do="order", order="arm")
+    assert not served.wire.sent
+    with served.socket(origin=here) as browser:
+        assert ask(browser, do="order", order="arm") == ""
+    assert served.wire.wait_for(OrderRequest).order == "arm"  # type: ignore[attr-defined]
+
+
+def test_off_host_the_token_is_needed_for_orders_never_for_stop() -> None:
+    with Served(token="secret") as served, served.socket() as browser:
+        assert "not allowed" in ask(browser, do="order", order="arm")
+        assert "not allowed" in ask(browser, do="seed", points=[[1, 1]], token="wrong")
+        assert ask(browser, do="order", order="arm", token="secret") == ""
+        browser.send(json.dumps({"do": "stop"}))
+        assert isinstance(served.wire.wait_for(StopRequest), StopRequest)
+
+
+def test_while_stopped_nothing_but_the_word_is_heeded(served: Served) -> None:
+    with served.socket() as browser:
+        served.post("/stop", b"{}")
+        for order in ("arm", "run", "hold", "disarm"):
+            assert ask(browser, do="order", order=order) == "stopped: release first"
+        assert ask(browser, do="release", typed="RELEASE").startswith("type RELEASE-NOT-6-8")
+    assert not [m for _, m in served.wire.sent if isinstance(m, OrderRequest)]
+
+
+def test_targets_go_to_the_station_checked(served: Served) -> None:
+    with served.socket() as browser:
+        assert "beyond the fence" in ask(browser, do="seed", points=[[9, 1]])
+        assert ask(browser, do="seed", points=[[1, 1]]) == "targets change only while disarmed"
+        served.wire.arrived.append((RunStatus(stamp_ns=0, phase="ready"), 0))
+        kinds(browser, "view")
+        kinds(browser, "view")
+        assert ask(browser, do="seed", points=[[1, 1], [1.5, 1.25]]) == ""
+    wish = served.wire.wait_for(TargetCloud)
+    assert [(t.x_m, t.y_m) for t in wish.targets] == [(1.0, 1.0), (1.5, 1.25)]  # type: ignore[attr-defined]
+
+
+def test_what_a_browser_may_not_say_is_answered(served: Served) -> None:
+    with served.socket() as browser:
+        for text in ("", "{", "[]", "null", '"stop"'):
+            browser.send(text)
+            assert "JSON object" in kinds(browser, "answer")["text"]
+        assert "no such request" in ask(browser, do="fly")
+        assert "order 'jump'" in ask(browser, do="order", order="jump")
+        assert kinds(browser, "view")["kind"] == "view"
+
+
+def test_a_frozen_browser_delays_no_other(served: Served) -> None:
+    """It takes nothing, its buffers fill, and the other still gets every new view."""
+    frozen = served.socket(max_queue=1, close_timeout=0.1)
+    kinds(frozen, "layout")
+    (stuck,) = served.page.clients
+    with served.socket() as live:
+        kinds(live, "view")
+        stuck.answer({"kind": "filler", "text": "x" * 40_000_000})
+        stamps = [kinds(live, "view")["t"] for _ in range(40)]
+        assert stamps == sorted(set(stamps))
+    frozen.socket.close()
+
+
+def test_the_slot_keeps_only_the_newest_view() -> None:
+    async def scene() -> list[bytes]:
+        client = Client()
+        for view in (b"1", b"2", b"3"):
+            client.offer(view)
+        client.answer({"kind": "answer"})
+        return await client.next()
+
+    assert asyncio.run(scene()) == [b'{"kind":"answer"}', b"3"]
+
+
+@pytest.mark.parametrize(
+    ("host", "here"),
+    [("localhost", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("0.0.0.0", False), ("a.b", False)],
+)
+def test_loopback(host: str, here: bool) -> None:
+    assert is_loopback(host) == here
