@@ -20,7 +20,7 @@ from contract.messages import (
 )
 from groundstation import rig
 from groundstation.connectivity import components
-from groundstation.page_links import CRITICAL, KEPT, REMOVED, UNVERIFIED, network
+from groundstation.page_links import CRITICAL, KEPT, REMOVED, UNVERIFIED, Network, network
 from groundstation.page_reasons import Heard, complaint
 from groundstation.page_seed import MOST_TARGETS, SeedError, checked, cloud, points_of, unreachable
 from groundstation.page_state import PageState
