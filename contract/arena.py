@@ -108,7 +108,7 @@ class Control(Struct, frozen=True, forbid_unknown_fields=True):
     """gamma of eq. 12"""
     max_speed_mps: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.8
     control_period_s: Annotated[float, Meta(ge=0.002, le=0.2)] = 0.01
-    state_period_s: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.02
+    state_period_s: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.03
     """A robot tells its neighbours how it is this often."""
     occupying_time_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 1.0
     reach_m: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.05

@@ -134,5 +134,5 @@ def _frame(kind: str, line: bytes) -> CanFrame | None:
 def _text(frame: CanFrame) -> bytes:
     digits = 8 if frame.extended else 3
     kind = "tTrR"[2 * frame.remote + frame.extended]
-    payload = "" if frame.remote else "".join(f"{byte:02X}" for byte in frame.data)
+    payload = "" if frame.remote else frame.data.hex().upper()
     return f"{kind}{frame.can_id:0{digits}X}{frame.length}{payload}\r".encode()

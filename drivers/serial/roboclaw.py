@@ -60,6 +60,8 @@ class Drive:
 
     ANSWER_S = 0.25
     STATUS_EVERY = 10
+    ACK_NS = 60_000_000
+    """Setpoints unacknowledged for longer have not reached the controller."""
     BATTERY_EVERY = 50
     """In polls."""
 
@@ -82,6 +84,8 @@ class Drive:
         self._faults: tuple[str, ...] = ()
         self._active = False
         self._polls = 0
+        self._acked_ns = 0
+        """When a setpoint was last acknowledged."""
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -107,6 +111,7 @@ class Drive:
         self._right_odometer = Odometer(self._right, 32)
         if self._ask(codec.speed_both(self.options.address, 0, 0), codec.SPEED_BOTH) is None:
             raise self._line.lost("the zero setpoint is not acknowledged")
+        self._acked_ns = self._line.port.now_ns()
         status = self._ask(codec.read_packet(self.options.address, codec.GET_STATUS), codec.GET_STATUS)
         self._faults = codec.decode_status(status or b"")
         if self._faults:
@@ -130,7 +135,10 @@ class Drive:
         self._send(codec.speed_both(self.options.address, round(m1), round(m2)), (codec.SPEED_BOTH,), now_ns)
 
     def poll(self, now_ns: int) -> None:
-        if self._replies.quiet(now_ns) or self._replies.waiting > 4:
+        """Ask for telemetry; not while setpoints go unacknowledged, for a read feeds the time-out as well
+        as a setpoint does and would keep the last setpoint turning."""
+        deaf = self._active and now_ns - self._acked_ns > self.ACK_NS
+        if deaf or self._replies.quiet(now_ns) or self._replies.waiting > 4:
             return
         self._polls += 1
         commands = [codec.GET_ENCODERS, codec.GET_SPEEDS]
@@ -143,7 +151,7 @@ class Drive:
 
     def read(self, now_ns: int) -> WheelFeedback | None:
         for reply in self._receive(now_ns):
-            self._take(reply)
+            self._take(reply, now_ns)
         if self._position is None or self._speed is None:
             return None
         (left_rad, right_rad), (left_radps, right_radps) = self._position, self._speed
@@ -222,8 +230,10 @@ class Drive:
     def _receive(self, now_ns: int) -> list[codec.Reply]:
         return self._replies.feed(self._line.receive(), now_ns)
 
-    def _take(self, reply: codec.Reply) -> None:
-        if reply.command == codec.GET_ENCODERS:
+    def _take(self, reply: codec.Reply, now_ns: int) -> None:
+        if reply.command == codec.SPEED_BOTH:
+            self._acked_ns = now_ns
+        elif reply.command == codec.GET_ENCODERS:
             left, right = self._rims(codec.decode_encoders(reply.data))
             self._position = (self._left_odometer.update(left), self._right_odometer.update(right))
         elif reply.command == codec.GET_SPEEDS:

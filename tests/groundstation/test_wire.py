@@ -13,9 +13,9 @@ from groundstation.targets import scenario
 from groundstation.wire import Wire, sound
 
 ODRIVE, ROBOCLAW = "r01", "r02"
-STOPPED_S = 3.0
-"""Silent poses hold after 0.15 s. A line that loses every command is found out within 1 s, since what gets through
-feeds the device's watchdog; that releases the motors 0.2 s later, and they coast for up to 1.4 s."""
+STOPPED_S = 2.0
+"""Silent poses hold after 0.15 s. A controller that hears no setpoint gets no other packet either, so its watchdog
+releases the motors within 0.3 s, and they coast for up to 1.4 s."""
 
 
 def world_of(limit_s: float = 5.0, seed: int = 1) -> World:
