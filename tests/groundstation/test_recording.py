@@ -134,7 +134,9 @@ def test_a_flipped_bit_costs_at_most_its_chunk(
     folder = tmp_path_factory.mktemp("flip")
     (folder / "flipped.mcap").write_bytes(data)
     found = recover(folder / "flipped.mcap", folder / "whole.mcap")
-    assert (found.damaged_chunks, found.messages) == (1, len(SENT) - 40)
+    unread = found.damaged_chunks == 0  # a bit of the compressed frame that changes nothing; the checksum agrees
+    assert found.damaged_chunks <= 1
+    assert found.messages == (len(SENT) if unread else len(SENT) - 40)
 
 
 def test_recover_refuses_what_is_no_recording(tmp_path: Path) -> None:

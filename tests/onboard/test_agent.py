@@ -202,7 +202,8 @@ def test_states_go_out_at_the_state_period() -> None:
     stage = Stage()
     stage.run(120)
     states = [m for _, m in stage.said if isinstance(m, NeighbourState)]
-    assert 45 <= len(states) <= 55
+    expected = 120 * PERIOD_NS * 1e-9 / stage.arena.control.state_period_s
+    assert len(states) == pytest.approx(expected, abs=3)
     assert [s.seq for s in states] == list(range(1, len(states) + 1))
 
 
