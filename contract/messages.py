@@ -276,7 +276,7 @@ class LoopTiming(Message, frozen=True, kw_only=True):
 
 
 class RobotReport(Message, frozen=True, kw_only=True):
-    """How a robot is, 10 Hz: what the station watches and records."""
+    """How a robot is, 10 Hz and at once when run state, order or stop change: what the station watches and records."""
 
     robot: RobotId
     boot: Count

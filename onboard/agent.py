@@ -104,6 +104,8 @@ class Agent:
         self._next_state_ns = 0
         self._next_report_ns = 0
         self._last_words = ("", "")
+        self._said: tuple[str, int, int] = ("", 0, 0)
+        """Run state, order and stop of the last report."""
 
     # --- inputs -------------------------------------------------------------------------------
 
@@ -233,8 +235,7 @@ class Agent:
             motion = Motion(pose.x_m, pose.y_m, pose.heading_rad, left, right)
             state = self.controller.announce(motion, now_ns, *self._commanded)
             out.append((self._keys.state(self.robot), state))
-        if now_ns >= self._next_report_ns and self._verdict is not None:
-            self._next_report_ns = self._due(self._next_report_ns, REPORT_PERIOD_NS * 1e-9, now_ns)
+        if self._verdict is not None and self._report_due(self._verdict, now_ns):
             out.append((self._keys.report(self.robot), self._report(now_ns, self._verdict)))
             if self._steps:
                 out.append((self._keys.steps(self.robot), StepBatch(robot=self.robot, steps=tuple(self._steps))))
@@ -329,6 +330,16 @@ class Agent:
             claim=-1 if tasking.claim is None else tasking.claim,
             waits=self._waits,
         )
+
+    def _report_due(self, verdict: Verdict, now_ns: int) -> bool:
+        """Whether it is time for a report, or something to acknowledge cannot wait for that."""
+        said = (verdict.run, self.supervisor.order_id, self.supervisor.stop_id)
+        if now_ns >= self._next_report_ns:
+            self._next_report_ns = self._due(self._next_report_ns, REPORT_PERIOD_NS * 1e-9, now_ns)
+        elif said == self._said:
+            return False
+        self._said = said
+        return True
 
     def _report(self, now_ns: int, verdict: Verdict) -> RobotReport:
         own = self.sensing.own()

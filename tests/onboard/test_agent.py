@@ -198,6 +198,28 @@ def test_it_reports_ten_times_a_second_with_everything_a_person_needs() -> None:
     assert last.pose_age_ms == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize(("what", "run"), [("stop", "stopped"), ("order", "holding"), ("fault", "fault")])
+def test_an_acknowledgement_does_not_wait_for_the_next_report(what: str, run: str) -> None:
+    stage = Stage()
+    stage.start()
+    while not any(isinstance(m, RobotReport) for _, m in stage.said[-4:]):
+        stage.run(1)
+    if what == "stop":
+        stage.agent.receive(StopRequest(stamp_ns=stage.now_ns, source="test", stop_id=9), stage.now_ns)
+    elif what == "order":
+        stage.give("hold")
+        stage.beats += 1
+        stage.agent.receive(stage.heartbeat(), stage.now_ns)
+    else:
+        stage.agent.driver_fault("port gone", "plug it in", stage.now_ns)
+    stage.agent.tick(stage.now_ns)
+    said = [[m for _, m in stage.agent.outbox(stage.now_ns) if isinstance(m, RobotReport)] for _ in range(2)]
+    assert [len(reports) for reports in said] == [1, 0], "at once, and once"
+    acknowledged = said[0][0]
+    assert (acknowledged.run, acknowledged.order_id) == (run, stage.order_id)
+    assert acknowledged.stop_id == (9 if what == "stop" else 0)
+
+
 def test_states_go_out_at_the_state_period() -> None:
     stage = Stage()
     stage.run(120)
