@@ -25,7 +25,7 @@ from contract.units import (
     Volts,
 )
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Raised by one with every change that an older peer would misread; compared at session start."""
 
 
@@ -142,6 +142,10 @@ class TargetCloud(Message, frozen=True, kw_only=True):
 Order = Literal["disarm", "arm", "run", "hold", "stop"]
 """What the station wants. ``stop`` acts by level; the others act once per ``order_id``."""
 
+Request = Literal["disarm", "arm", "run", "hold", "repeat", "home"]
+"""What an operator may ask of the station. ``repeat``: the same targets as a new mission; ``home``: every robot
+to its start, then disarm."""
+
 
 class StationHeartbeat(Message, frozen=True, kw_only=True):
     """The station's will, repeated at 20 Hz; silence is a fault."""
@@ -156,6 +160,8 @@ class StationHeartbeat(Message, frozen=True, kw_only=True):
     """Raised with every new order; a robot obeys an order id once, so a reboot never re-arms."""
     robots: tuple[RobotId, ...] = ()
     """Addressees of the order; empty means all. ``stop`` always means all."""
+    home: bool = False
+    """With ``run``: drive to the start poses, links released, in place of the mission."""
     mission: Name = ""
     arena_hash: Name = ""
 
@@ -170,7 +176,7 @@ class OrderRequest(Message, frozen=True, kw_only=True):
     source: Name
     number: Count
     """Drawn afresh for every request; a repeated number is the same request."""
-    order: Literal["disarm", "arm", "run", "hold"]
+    order: Request
     robots: tuple[RobotId, ...] = ()
     """Addressees; empty means all."""
 
@@ -234,6 +240,8 @@ class NeighbourState(Message, frozen=True, kw_only=True):
     """The same with the strongest brake."""
     moving: bool = True
     """False: wheels are held at zero and will not turn without a new state message."""
+    mission: Name = ""
+    """Of the cloud it knows. What it says of targets means that cloud and is nothing to robots of another mission."""
     task: Literal["free", "tracking", "occupied", "helping"] = "free"
     claim: Annotated[int, Meta(ge=-1, le=9999)] = -1
     """Target it goes for or sits on, -1 for none."""
@@ -431,7 +439,7 @@ class RunStatus(Message, frozen=True, kw_only=True):
 
     stamp_ns: Nanoseconds
     mission: Name = ""
-    phase: Literal["waiting", "ready", "armed", "running", "completed", "stopped", "failed"]
+    phase: Literal["waiting", "ready", "armed", "running", "homing", "completed", "stopped", "failed"]
     detail: Text = ""
     elapsed_s: float = 0.0
     targets: Count = 0

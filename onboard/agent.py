@@ -121,7 +121,8 @@ class Agent:
             case StopRequest():
                 self.supervisor.stop_request(message, now_ns)
             case TargetCloud():
-                self.sensing.cloud(message)
+                if self.sensing.cloud(message):
+                    self.controller.begin(message.mission)
                 self._start_direction = message.start_direction_rad
             case _:
                 self.refuse(f"unexpected {type(message).__name__}")

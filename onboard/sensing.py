@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from contract.messages import MocapFrame, NeighbourState, TargetCloud
 from onboard.ahdc.view import Heard, Sighted
 from onboard.odometry import Pose
@@ -40,6 +42,8 @@ class Sensing:
         self._tracks: dict[str, Track] = {}
         self._heard: dict[str, tuple[NeighbourState, int]] = {}
         self._cloud: dict[int, tuple[float, float]] = {}
+        self.mission = ""
+        """Of the cloud."""
         self._newest_ns = 0
         self.out_of_range = 0
         """State messages the virtual radio swallowed."""
@@ -57,8 +61,14 @@ class Sensing:
         track = self._tracks.get(self.robot)
         return None if track is None else (track.pose, track.stamp_ns)
 
-    def cloud(self, cloud: TargetCloud) -> None:
+    def cloud(self, cloud: TargetCloud) -> bool:
+        """Take the targets; True where they are another mission's, so that all that was known of targets is void."""
         self._cloud = {target.index: (target.x_m, target.y_m) for target in cloud.targets}
+        new = cloud.mission != self.mission
+        if new:
+            self.mission = cloud.mission
+            self._heard = {name: (without_targets(state), at_ns) for name, (state, at_ns) in self._heard.items()}
+        return new
 
     def in_range(self, robot: str) -> bool:
         """Whether the virtual radio reaches that robot: both seen, at most r_c apart."""
@@ -73,7 +83,7 @@ class Sensing:
         known = self._heard.get(state.robot)
         if known is not None and known[0].boot == state.boot and state.seq <= known[0].seq:
             return False
-        self._heard[state.robot] = (state, now_ns)
+        self._heard[state.robot] = (state if state.mission == self.mission else without_targets(state), now_ns)
         return True
 
     def sighted(self, own: Pose, now_ns: int) -> dict[str, Sighted]:
@@ -104,6 +114,14 @@ class Sensing:
         x, y = own[0], own[1]
         square = self._radius_m * self._radius_m
         return {k: p for k, p in self._cloud.items() if (p[0] - x) ** 2 + (p[1] - y) ** 2 <= square}
+
+
+def without_targets(state: NeighbourState) -> NeighbourState:
+    """A message without what it says of targets."""
+    return replace(
+        state, task="free", claim=-1, claim_at=None, indicator=False, hops=1000, cloud_seen=False, occupied="",
+        sightings=(), help=None,
+    )  # fmt: skip
 
 
 def _extend(track: Track | None, pose: Pose, stamp_ns: int) -> Track:

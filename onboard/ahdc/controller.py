@@ -51,10 +51,17 @@ class Controller:
         self.planner = self.field.planner if self.field else Planner(parameters, stop_tables(parameters), period_s)
         self._steer = steer
         self._rims = rims
+        self.mission = ""
         self._goal: Goal | None = None
         self._seq = 0
         self._last_sighting = -1
         self._mail: list[tuple[int, LinkMessage]] = []
+
+    def begin(self, mission: str) -> None:
+        """A new mission: forget every target, also the occupied ones. Links stay."""
+        self.mission = mission
+        self.tasking = Tasking(self.robot, self.parameters)
+        self._goal, self._last_sighting = None, -1
 
     def think(self, view: View) -> None:
         """Algorithm 1, line 1: the goal from algorithm 2; in the ``field`` profile also the links."""
@@ -118,6 +125,7 @@ class Controller:
             stop_long=(metres(long[0]), metres(long[1])),
             stop_short=(metres(short[0]), metres(short[1])),
             moving=not still,
+            mission=self.mission,
             task="helping" if tasking.helping else tasking.task.value,
             claim=-1 if claim is None else claim,
             claim_at=claim_at,

@@ -257,3 +257,29 @@ def test_pacing_counts_lost_frames_and_steps_on_the_next() -> None:
     assert pacing.misses == 2
     assert not pacing.frame(1, 13, 120.0)
     assert pacing.frame(2, 1, 120.0)
+
+
+def test_a_new_mission_forgets_the_occupied_targets_and_a_late_neighbour_does_not_bring_them_back() -> None:
+    stage = Stage({"r02": (0.9, 0.5)})
+
+    def occupied() -> str:
+        return [m.occupied for _, m in stage.said if isinstance(m, NeighbourState)][-1]
+
+    def hear(seq: int, mission: str) -> None:
+        message = state("r02", 0.9, 0.5, seq=seq, mission=mission, occupied="1")
+        stage.agent.receive(message, stage.now_ns)
+        stage.run(12)
+
+    stage.run(5)
+    hear(1, "m")
+    assert occupied() == "1"
+    stage.agent.receive(TargetCloud(mission="m", targets=(Target(index=0, x_m=1.2, y_m=0.5),)), stage.now_ns)
+    stage.run(12)
+    assert occupied() == "1", "the same mission told again"
+    stage.agent.receive(TargetCloud(mission="n", targets=(Target(index=0, x_m=1.2, y_m=0.5),)), stage.now_ns)
+    stage.run(12)
+    assert occupied() == ""
+    hear(2, "m")
+    assert occupied() == ""
+    hear(3, "n")
+    assert occupied() == "1"

@@ -99,3 +99,25 @@ def test_dead_reckoning_at_constant_speed_is_the_exact_arc(
 
 def test_dead_reckoning_without_measurements_stays() -> None:
     assert Odometry(0.11).predict(Pose(1.0, 2.0, 3.0), 0, 10**9) == Pose(1.0, 2.0, 3.0)
+
+
+def test_a_new_mission_voids_what_was_heard_of_the_old_ones_targets() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}))
+    targets = (Target(index=0, x_m=0.5, y_m=0.5),)
+    told = {"task": "tracking", "claim": 0, "claim_at": (0.5, 0.5), "occupied": "1", "cloud_seen": True, "hops": 0}
+
+    def heard() -> tuple[object, ...]:
+        known = sensing.heard(["r02"], 10 * MS)["r02"].state
+        return tuple(getattr(known, name) for name in told)
+
+    assert sensing.cloud(TargetCloud(mission="one", targets=targets))
+    assert not sensing.cloud(TargetCloud(mission="one", targets=targets))
+    sensing.state(state("r02", seq=1, mission="one", **told), 10 * MS)
+    assert heard() == tuple(told.values())
+    assert sensing.cloud(TargetCloud(mission="two", targets=targets))
+    assert heard() == ("free", -1, None, "", False, 1000), "heard before"
+    sensing.state(state("r02", seq=2, mission="one", **told), 10 * MS)
+    assert heard() == ("free", -1, None, "", False, 1000), "a neighbour that is late"
+    sensing.state(state("r02", seq=3, mission="two", **told), 10 * MS)
+    assert heard() == tuple(told.values())
