@@ -51,6 +51,9 @@ class Hops(Protocol):
     def drive(self, name: str, drive: Drive, now_ns: int) -> bool:
         """Obey the agent; True if wheel speeds were written."""
 
+    def hang(self, name: str, on: bool) -> None:
+        """The robot's process stands still, or goes on: nothing is written, read or asked for meanwhile."""
+
 
 @dataclass
 class Body:
@@ -62,16 +65,27 @@ class Body:
     right_mps: float = 0.0
     command: tuple[float, float] = (0.0, 0.0)
     time_ns: int = 0
+    release_ns: int | None = None
+    """When the device watchdog lets go of the motors, unless it is fed before."""
+    coast: Brake = Brake(0.6, 0.0)
 
     def advance(self, now_ns: int, wheel_separation_m: float) -> None:
+        if self.release_ns is not None and self.time_ns < self.release_ns < now_ns:
+            self._advance(self.release_ns, wheel_separation_m)
+        self._advance(now_ns, wheel_separation_m)
+
+    def _advance(self, now_ns: int, wheel_separation_m: float) -> None:
         duration_s = (now_ns - self.time_ns) * 1e-9
         if duration_s <= 0:
             return
+        released = self.release_ns is not None and self.time_ns >= self.release_ns
         self.time_ns = now_ns
-        if self.command == (0.0, 0.0) and self.left_mps == 0.0 == self.right_mps:
+        if (released or self.command == (0.0, 0.0)) and self.left_mps == 0.0 == self.right_mps:
             return
-        self.left_mps, left_m = rim_after(self.left_mps, self.command[0], self.brake, duration_s)
-        self.right_mps, right_m = rim_after(self.right_mps, self.command[1], self.brake, duration_s)
+        left_mps, right_mps = (0.0, 0.0) if released else self.command
+        brake = self.coast if released else self.brake
+        self.left_mps, left_m = rim_after(self.left_mps, left_mps, brake, duration_s)
+        self.right_mps, right_m = rim_after(self.right_mps, right_mps, brake, duration_s)
         if abs(self.left_mps) + abs(self.right_mps) < 1e-7:
             self.left_mps = self.right_mps = 0.0
         self.pose = advance(self.pose, (left_m + right_m) / 2, (right_m - left_m) / wheel_separation_m, 1.0)
@@ -85,7 +99,9 @@ class ShortCut:
 
     def __init__(self, arena: Arena, plants: Mapping[str, Plant], agents: Mapping[str, Agent]) -> None:
         self._agents = agents
-        self._bodies = {name: Body(*plant) for name, plant in plants.items()}
+        coast = Brake(arena.platform.coast_deceleration_mps2, 0.0)
+        self._bodies = {name: Body(*plant, coast=coast) for name, plant in plants.items()}
+        self._watchdog_ns = int(arena.safety.watchdog_s * 1e9)
         self._separation_m = arena.platform.wheel_separation_m
         self._radius_m = arena.platform.wheel_radius_m
         self._rate_hz = arena.mocap.frame_rate_hz
@@ -122,6 +138,12 @@ class ShortCut:
 
     def deliver(self, name: str, key: str, parcel: Message, now_ns: int) -> bool:
         return self._agents[name].receive(parcel, now_ns)
+
+    def hang(self, name: str, on: bool) -> None:
+        body = self._bodies[name]
+        body.release_ns = body.time_ns + self._watchdog_ns if on else None
+        if not on:
+            body.command = (0.0, 0.0)
 
     def sense(self, name: str, now_ns: int) -> None:
         body = self._bodies[name]

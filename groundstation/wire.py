@@ -59,6 +59,7 @@ class Wire:
         self._clocks = {name: VirtualClock() for name in agents}
         self._now_ns = 0
         self._wheels: dict[str, Wheels] = {}
+        self._hung: set[str] = set()
         for name, agent in agents.items():
             self._set_up(name, plants[name], arena.platform.wheel_radius_m)
             drive = open_robot(arena, name, port=self.emulated.wire(name, self._clocks[name]))
@@ -78,7 +79,8 @@ class Wire:
                 continue
             clock.now_ns = now_ns
             self.emulated.robots[name].advance(now_ns)
-            self._wheels[name].listen(now_ns)
+            if name not in self._hung:
+                self._wheels[name].listen(now_ns)
             self.emulated.robots[name].roll()
 
     def pose(self, name: str) -> Pose:
@@ -121,6 +123,9 @@ class Wire:
         wheels.listen(clock.now_ns)
         self.emulated.robots[name].roll()
         return wrote
+
+    def hang(self, name: str, on: bool) -> None:
+        (self._hung.add if on else self._hung.discard)(name)
 
     def counters(self) -> dict[str, Counter[str]]:
         """What every hop refused: ``udp``, ``message`` and each robot's wheel line, both ends."""
