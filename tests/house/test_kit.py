@@ -35,6 +35,7 @@ def kit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     (tmp_path / "requirements.lock").write_text("a==1\nb==2\n")
     (tmp_path / "pyproject.toml").write_text("[project]\n")
     monkeypatch.setattr(module.os, "execv", never)
+    monkeypatch.setenv("AHDC_KIT_PYTHON", "own")
     monkeypatch.setattr(module.sys, "prefix", sys.base_prefix)
     monkeypatch.setattr(module, "ROOT", tmp_path)
     monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
@@ -133,7 +134,8 @@ def pip(_command, arguments, _total, _held):
         file.write("pip\\n")
     if "-r" in arguments:
         open(gate).read()
-kit.choose_python, kit.pip_command, kit.pip = (lambda: None), command, pip
+kit.choose_python = kit.give_way = lambda: None
+kit.pip_command, kit.pip = command, pip
 kit.ensure(False)
 """
 
@@ -194,6 +196,43 @@ def test_shim_of_an_absent_python_is_passed_over(kit: ModuleType, monkeypatch: p
     monkeypatch.setattr(kit.shutil, "which", lambda name: f"/shims/{name}")
     monkeypatch.setattr(kit, "has", lambda python, *_: python.endswith("3.11"))
     assert kit.better_python() == "/shims/python3.11"
+
+
+@pytest.fixture
+def pythons(kit: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, float]:
+    """Seconds of the other builds of this Python, by the folder on PATH they stand in; 1 s of our own."""
+    paces: dict[str, float] = {}
+    name = f"python3.{sys.version_info[1]}"
+    for folder in ("slow", "same", "fast", "bare"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / name).write_text("")
+        (tmp_path / folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", os.pathsep.join(str(tmp_path / folder) for folder in ("slow", "same", "bare", "fast")))
+    monkeypatch.delenv("AHDC_KIT_PYTHON", raising=False)
+    monkeypatch.setattr(kit, "pace_s", lambda path: paces.get(Path(path).parent.name, 1.0))
+    monkeypatch.setattr(kit, "has", lambda path, *_: "bare" not in path)
+    return paces
+
+
+def test_a_much_faster_build_of_the_same_python_is_taken(
+    kit: ModuleType, pythons: dict[str, float], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert kit.swifter_python() is None
+    pythons.update(slow=1.4, same=0.9, bare=0.5, fast=0.7)
+    fast = str(tmp_path / "fast" / f"python3.{sys.version_info[1]}")
+    assert kit.swifter_python() == fast
+    turned: list[tuple[str, str]] = []
+    monkeypatch.setattr(kit.os, "execve", lambda path, _, env: turned.append((path, env["AHDC_KIT_PYTHON"])))
+    kit.give_way()
+    assert turned == [(fast, fast)]
+    monkeypatch.setenv("AHDC_KIT_PYTHON", "own")
+    kit.give_way()
+    assert len(turned) == 1
+
+
+def test_pace_is_measured_in_the_interpreter_itself(kit: ModuleType) -> None:
+    assert 0.0 < kit.pace_s(sys.executable) < 60.0
+    assert kit.pace_s("/bin/false") == float("inf")
 
 
 @pytest.mark.parametrize(
