@@ -34,10 +34,12 @@ class LineCheck:
         self._looked_ns = 0
         self._clean_ns = 0
 
+    def due(self, now_ns: int) -> bool:
+        """Whether it is time to look again."""
+        return now_ns - self._looked_ns >= LOOK_NS
+
     def garbled(self, counters: Mapping[str, int], now_ns: int) -> int:
-        """Errors so far if the line is not fit to drive on, else 0."""
-        if now_ns - self._looked_ns < LOOK_NS:
-            return 0
+        """Errors so far if the line is not fit to drive on, else 0; to be called when :meth:`due`."""
         errors = sum(counters.get(name, 0) for name in LINE_ERRORS)
         if errors == self._errors or now_ns - self._looked_ns > 4 * LOOK_NS:
             self._clean_ns = now_ns
@@ -111,15 +113,18 @@ class Wheels:
             return
         try:
             sample = self.driver.read(now_ns)
-            if self.active and (errors := self._line.garbled(self.driver.counters, now_ns)):
-                raise LinkLost(
-                    "wheels", "bus", f"the line damages bytes ({errors} errors)", "Check cable and termination"
-                )
+            if self.active and self._line.due(now_ns):
+                self._check_line(now_ns)
         except DriverError as error:
             self._fail(error, now_ns)
             return
         if sample is not None:
             self._listener.feedback(sample, now_ns)
+
+    def _check_line(self, now_ns: int) -> None:
+        """:raises LinkLost: the line damages bytes all the time."""
+        if errors := self._line.garbled(self.driver.counters, now_ns):
+            raise LinkLost("wheels", "bus", f"the line damages bytes ({errors} errors)", "Check cable and termination")
 
     def shut(self, now_ns: int) -> None:
         """Zero, disable, release the port, whatever fails on the way."""

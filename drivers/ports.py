@@ -9,6 +9,9 @@ from typing import Protocol
 
 from drivers.can.frame import CanFrame
 
+CHUNK_BYTES = 4096
+"""Read at once; a tty hands out no more."""
+
 
 class Port(Protocol):
     """Life of a port."""

@@ -1,7 +1,7 @@
 """The emulated hardware of an arena in one process: motor controllers on ptys, bodies, motion capture.
 
 One epoll loop. Motors are integrated up to the moment somebody looks; frames leave at multiples of
-the period from the first, so the stream does not drift. What every emulated controller decoded goes
+the period from the first, so the stream does not drift, and telemetry of the same moment follows them. What every emulated controller decoded goes
 to ``motor/<id>`` from a client session of this process's own.
 
 Faults. A file ``faults.txt`` beside the arena file is read again whenever it changes: one fault a line,
@@ -82,12 +82,14 @@ class MockArena:
             now_ns = time.monotonic_ns()
             frame_due = now_ns >= self._server.next_due_ns
             if frame_due or (device_ns is not None and now_ns >= device_ns):
-                self._wheels.advance(now_ns)
+                self._wheels.roll(now_ns)
             if frame_due:
+                sent_ns = time.monotonic_ns()
                 if ("udp", "dropped") in self._faults:
-                    self._server.stream(now_ns, self._poses())
+                    self._server.stream(now_ns, self._poses(), sent_ns)
                 else:
-                    shell.stream(now_ns, self._poses())
+                    shell.stream(now_ns, self._poses(), sent_ns)
+            self._wheels.deliver()
             if now_ns >= self._batch_due_ns:
                 self._batch_due_ns = now_ns + BATCH_NS
                 self._publish(now_ns)

@@ -49,7 +49,7 @@ def read(path: Path) -> Archive:
     archive = Archive(recording.arena())
     for recorded in recording.messages():
         if recorded.message is not None:
-            archive.receive(recorded.message)
+            archive.receive(recorded.message, recorded.payload)
     return archive
 
 

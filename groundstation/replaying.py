@@ -88,7 +88,8 @@ class Archive:
         self.steps: dict[str, dict[int, RobotStep]] = {name: {} for name in arena.robots}
         self.states: dict[Life, dict[int, NeighbourState]] = {}
 
-    def receive(self, message: Message) -> None:
+    def receive(self, message: Message, payload: bytes = b"") -> None:
+        """:param payload: what it was decoded from; checks of inputs are of payloads."""
         match message:
             case InputBatch():
                 self.journals.setdefault((message.robot, message.boot), []).append(message)
@@ -97,7 +98,7 @@ class Archive:
             case StepBatch() if message.robot in self.steps:
                 self.steps[message.robot] |= {step.step_ns: step for step in message.steps}
             case _:
-                name = named(message)
+                name = named(message, payload)
                 if name is not None:
                     self._inputs[_place(name)] = (name[4], message)
                 if isinstance(message, NeighbourState):

@@ -30,6 +30,7 @@ from onboard.ahdc.parameters import from_arena
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.view import View
 from onboard.failsafes import Conditions
+from onboard.homing import Home, Homing
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
 from onboard.odometry import Odometry
 from onboard.pacing import Pacing
@@ -73,6 +74,9 @@ class Agent:
         parameters = from_arena(arena)
         self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims)
         self._parameters = parameters
+        entry = arena.robots[robot]
+        self.homing = Homing(robot, Home(*entry.start, entry.heading_rad), parameters, self.pacing.period_s)
+        self._going_home = False
         self._odometry = Odometry(self._separation_m)
         self._frame: MocapFrame | None = None
         self._frame_arrival_ns = 0
@@ -109,8 +113,11 @@ class Agent:
 
     # --- inputs -------------------------------------------------------------------------------
 
-    def receive(self, message: Message, now_ns: int) -> bool:
-        """Take a decoded message meant for this robot; True when a control step is due."""
+    def receive(self, message: Message, now_ns: int, payload: bytes = b"") -> bool:
+        """Take a decoded message meant for this robot; True when a control step is due.
+
+        :param payload: what it was decoded from, where that is at hand; a journal checks it.
+        """
         match message:
             case MocapFrame():
                 return self._on_frame(message, now_ns)
@@ -186,9 +193,10 @@ class Agent:
             start_direction_rad=self._start_direction,
             may_move=verdict.may_move,
         )
-        if self.controller.paper is not None:
+        self._follow_orders(now_ns)
+        if self.controller.paper is not None and not self._going_home:
             self.controller.think(view)
-        decision = self.controller.act(view)
+        decision = self.homing.decide(view) if self._going_home else self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
         around = [Neighbour(s.x_m, s.y_m, s.vx_mps, s.vy_mps, s.age_s) for s in sighted.values()]
         limited = limit(speed, turn, (pose.x_m, pose.y_m, pose.heading_rad), (left, right), around, self._bounds)
@@ -219,7 +227,7 @@ class Agent:
         view, self._view = self._view, None
         if view is None:
             return
-        if self.controller.paper is None:
+        if self.controller.paper is None and not self._going_home:
             self.controller.think(view)
         if self._stepped is not None and len(self._steps) < MAX_BATCH:
             self._steps.append(self._record(self._stepped))
@@ -271,7 +279,7 @@ class Agent:
             return
         if state.robot not in self.arena.robots:
             self.refuse("state of a robot that is not in the arena file")
-        elif self.sensing.state(state, now_ns):
+        elif self.sensing.state(state, now_ns) and not self._going_home:
             mine = tuple(message for message in state.mail if message.to == self.robot)
             self.controller.hear_mail(state.robot, mine, now_ns * 1e-9)
 
@@ -307,6 +315,20 @@ class Agent:
             self._log(now_ns, "warning" if verdict.reason else "info", verdict.run, verdict.reason, verdict.remedy)
         return verdict
 
+    def _follow_orders(self, now_ns: int) -> None:
+        """The mission or the way home; from one to the other all links are released."""
+        home = self.supervisor.homing and self.supervisor.state == "running"
+        if home != self._going_home:
+            self._going_home = home
+            self.controller.release()
+            self.homing.begin(now_ns * 1e-9)
+
+    def _task(self) -> str:
+        tasking = self.controller.tasking
+        if self._going_home:
+            return "home" if self.homing.arrived else "homing"
+        return "helping" if tasking.helping else tasking.task.value
+
     def _rest(self, verdict: Verdict) -> Drive:
         self._commanded = (0.0, 0.0)
         self._drive = Drive(verdict.enable, 0.0, 0.0)
@@ -327,7 +349,7 @@ class Agent:
             left_radps=round(self._drive.left_radps, 5),
             right_radps=round(self._drive.right_radps, 5),
             links=self._links,
-            task="helping" if tasking.helping else tasking.task.value,
+            task=self._task(),
             claim=-1 if tasking.claim is None else tasking.claim,
             waits=self._waits,
         )
@@ -365,7 +387,7 @@ class Agent:
             timing=self.pacing.timing(),
             battery_v=sample.bus_v if sample else None,
             motor_faults=sample.faults if sample else (),
-            task="helping" if tasking.helping else tasking.task.value,
+            task=self._task(),
             claim=-1 if tasking.claim is None else tasking.claim,
             occupied_count=tasking.occupied_count,
             neighbours=tuple(sorted(self.sensing.sighted(own[0], now_ns))) if own else (),

@@ -39,17 +39,21 @@ class Inbox:
     def wake(self) -> None:
         os.eventfd_write(self._event, 1)
 
+    def quieten(self) -> None:
+        """Call when :meth:`fileno` is readable, before taking."""
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self._event)
+
     def take(self, quiet: bool | None = None) -> list[tuple[str, bytes]]:
         """Everything that waits, most urgent first; nothing that arrives meanwhile is lost.
 
         :param quiet: True for the quiet keys only, False for the others only, so that a step need not wait.
         """
-        if not quiet:
-            with contextlib.suppress(BlockingIOError):
-                os.eventfd_read(self._event)
-        waiting = [key for key in self._slots.copy() if quiet is None or (key in self._quiet) == quiet]
-        keys = sorted(waiting, key=lambda key: self._urgency.get(key, len(self._urgency)))
-        return [(key, self._slots.pop(key)) for key in keys]
+        slots = self._slots
+        waiting = [key for key in list(slots) if quiet is None or (key in self._quiet) == quiet]
+        if len(waiting) > 1:
+            waiting.sort(key=lambda key: self._urgency.get(key, len(self._urgency)))
+        return [(key, slots.pop(key)) for key in waiting]
 
     def close(self) -> None:
         os.close(self._event)

@@ -24,14 +24,15 @@ from contract.messages import (
 from onboard.agent import Agent, Drive
 
 
-def named(message: Message) -> tuple[InputKind, str, int, int, int] | None:
+def named(message: Message, payload: bytes = b"") -> tuple[InputKind, str, int, int, int] | None:
     """What tells a message from every other: kind, word, origin, number and check of its :class:`Input`.
 
-    None: not an input. Checked are the messages that no other robot's replay would find out.
+    None: not an input. Checked are the messages that no other robot's replay would find out, by their
+    payload (encoded here if it is not given).
     """
     match message:
         case MocapFrame():
-            return ("frame", "", message.session, message.frame, crc32(encode(message)))
+            return ("frame", "", message.session, message.frame, crc32(payload or encode(message)))
         case NeighbourState():
             return ("state", message.robot, message.boot, message.seq, 0)
         case StationHeartbeat():
@@ -39,7 +40,7 @@ def named(message: Message) -> tuple[InputKind, str, int, int, int] | None:
         case StopRequest():
             return ("stop", message.source, message.stop_id, message.stamp_ns, 0)
         case TargetCloud():
-            return ("targets", message.mission, 0, 0, crc32(encode(message)))
+            return ("targets", message.mission, 0, 0, crc32(payload or encode(message)))
         case _:
             return None
 
@@ -62,8 +63,8 @@ class JournalledAgent(Agent):
         self._entries.append(Input(kind, now_ns - self._noted_ns, word, origin, number, check))
         self._noted_ns = now_ns
 
-    def receive(self, message: Message, now_ns: int) -> bool:
-        name = named(message)
+    def receive(self, message: Message, now_ns: int, payload: bytes = b"") -> bool:
+        name = named(message, payload)
         if name is not None:
             self._enter(now_ns, *name)
         return super().receive(message, now_ns)

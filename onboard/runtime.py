@@ -100,7 +100,9 @@ class Runtime:
             self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
 
         for key in self._urgency:
-            session.declare_subscriber(key, store, allowed_origin=zenoh.Locality.REMOTE)
+            session.declare_subscriber(
+                key, zenoh.handlers.Callback(store, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+            )
         for channel in ("state", "report", "steps", "feedback", "inputs", "log"):
             qos = network.QOS[channel]
             key = getattr(self._keys, channel)(self._robot)
@@ -122,9 +124,12 @@ class Runtime:
             wake_ns = ran_ns + TICK_NS
             if housekeeping_ns:
                 wake_ns = min(wake_ns, housekeeping_ns)
-            self._poll.poll(max(0, wake_ns - now_ns) / 1e6)
+            woken = self._poll.poll(max(0, wake_ns - now_ns) / 1e6)
             now_ns = time.monotonic_ns()
-            due, urgent = self._receive(now_ns, quiet=False)
+            due = urgent = False
+            if woken:
+                self._inbox.quieten()
+                due, urgent = self._receive(now_ns, quiet=False)
             if due or urgent or now_ns - ran_ns >= TICK_NS:
                 drive = self._agent.step(now_ns) if due else self._agent.tick(now_ns)
                 ran_ns = now_ns
@@ -146,7 +151,7 @@ class Runtime:
                 self._agent.refuse(f"refused_{error.kind}")
                 self._log("warning", f"refused_{error.kind}", f"{key}: {error}", now_ns)
                 continue
-            due = self._agent.receive(message, now_ns) or due
+            due = self._agent.receive(message, now_ns, payload) or due
             urgent = urgent or self._urgency[key] < 2
         return due, urgent
 

@@ -19,7 +19,7 @@ from can.interfaces.slcan import slcanBus
 
 from drivers.can.frame import CanFrame
 from drivers.can.slcan_text import SlcanReader, encode
-from drivers.ports import FramePort
+from drivers.ports import CHUNK_BYTES, FramePort
 
 ERROR_BUS_OFF = 0x40
 """CAN_ERR_BUSOFF of linux/can/error.h, in the identifier of an error frame."""
@@ -44,7 +44,7 @@ class SlcanBus(slcanBus):
         :raises OSError: it is gone.
         """
         try:
-            data = os.read(self.serialPortOrig.fd, 65536)
+            data = os.read(self.serialPortOrig.fd, CHUNK_BYTES)
         except BlockingIOError:
             return b""
         if not data:

@@ -33,14 +33,27 @@ class EmulatedRobot:
         self.port = PtyPort(Path(port_path(robot.wheels)))
         self.samples: list[MotorSample] = []
         self.wires: list[WirePort] = []
+        self._telemetry = b""
 
     def on_readable(self, now_ns: int) -> None:
         data = self.line.carry("commands", self.port.read(), now_ns)
         self._answer(self.controller.receive(data, now_ns), now_ns)
+        self.deliver()
 
     def advance(self, now_ns: int) -> None:
+        """Let time pass; what the device sends waits for :meth:`deliver`."""
         late = self.line.carry("commands", b"", now_ns)
         self._answer(self.controller.receive(late, now_ns) if late else self.controller.advance(now_ns), now_ns)
+
+    def deliver(self) -> None:
+        """Hand the computer what the device has sent."""
+        if not self._telemetry:
+            return
+        if self.wires:
+            self.wires[-1].deliver(self._telemetry)
+        else:
+            self.port.write(self._telemetry)
+        self._telemetry = b""
 
     def roll(self) -> None:
         """Bring the body to where the wheels have turned."""
@@ -48,11 +61,7 @@ class EmulatedRobot:
         self.body.roll(self.wheels.left.angle_rad, self.wheels.right.angle_rad)
 
     def _answer(self, data: bytes, now_ns: int) -> None:
-        telemetry = self.line.carry("telemetry", data, now_ns)
-        if self.wires:
-            self.wires[-1].deliver(telemetry)
-        else:
-            self.port.write(telemetry)
+        self._telemetry += self.line.carry("telemetry", data, now_ns)
         self.roll()
 
 
@@ -97,8 +106,17 @@ class EmulatedWheels:
 
     def advance(self, now_ns: int) -> None:
         """Let time pass for every device, motor and body."""
+        self.roll(now_ns)
+        self.deliver()
+
+    def roll(self, now_ns: int) -> None:
+        """The same, but what the devices send waits for :meth:`deliver`."""
         for robot in self.robots.values():
             robot.advance(now_ns)
+
+    def deliver(self) -> None:
+        for robot in self.robots.values():
+            robot.deliver()
 
     def next_due_ns(self) -> int | None:
         """When a device next sends or times out by itself."""

@@ -130,6 +130,9 @@ class EmulatedOdrive:
 
     def _expire(self, now_ns: int) -> None:
         """Let the watchdogs due by now release their motors, each at its own time."""
+        left, right = self.axes[0].expiry_ns, self.axes[1].expiry_ns
+        if (left is None or left > now_ns) and (right is None or right > now_ns):
+            return
         released_ns = None
         for axis in sorted(self.axes, key=lambda entry: entry.expiry_ns or 0):
             expiry_ns = axis.expiry_ns

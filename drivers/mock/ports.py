@@ -6,6 +6,8 @@ import tty
 from collections import Counter
 from pathlib import Path
 
+from drivers.ports import CHUNK_BYTES
+
 
 class PtyPort:
     """One pty. Writes never wait: what the reader does not drain is dropped and counted."""
@@ -61,7 +63,7 @@ class PtyPort:
         if not self.plugged:
             return b""
         try:
-            return os.read(self._master, 65536)
+            return os.read(self._master, CHUNK_BYTES)
         except (BlockingIOError, OSError):
             return b""
 

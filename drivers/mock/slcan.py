@@ -12,6 +12,7 @@ from drivers.can.frame import CanFrame
 OK, BELL = b"\r", b"\a"
 RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 MAX_LINE = 64
+HEX = frozenset(b"0123456789ABCDEFabcdef")
 
 
 class Node(Protocol):
@@ -47,16 +48,18 @@ class Hub:
         return self.ports[-1]
 
     def receive(self, port: AdapterPort, data: bytes, now_ns: int) -> None:
-        for byte in data:
-            if byte != 13:
-                port.line.append(byte)
-                if len(port.line) > MAX_LINE:
-                    self.counters["garbage_line"] += 1
-                    port.line.clear()
-                continue
-            line = bytes(port.line)
-            port.line.clear()
-            port.output += self._command(port, line, now_ns)
+        *lines, rest = (bytes(port.line) + data).split(b"\r")
+        for line in lines:
+            port.output += self._command(port, self._within(line), now_ns)
+        port.line[:] = self._within(rest)
+
+    def _within(self, line: bytes) -> bytes:
+        """What is left of a line once the adapter's buffer has overflowed as often as it does."""
+        overflows, left = divmod(len(line), MAX_LINE + 1)
+        if not overflows:
+            return line
+        self.counters["garbage_line"] += overflows
+        return line[len(line) - left :]
 
     def broadcast(self, frames: list[CanFrame], now_ns: int, source: AdapterPort | None = None) -> None:
         """Put frames on the bus, answers of nodes included."""
@@ -119,7 +122,7 @@ class Hub:
 def _frame(kind: str, line: bytes) -> CanFrame | None:
     digits = 8 if kind in "TR" else 3
     body = line[1:]
-    if len(body) <= digits or any(byte not in b"0123456789ABCDEFabcdef" for byte in body):
+    if len(body) <= digits or not HEX.issuperset(body):
         return None
     number, length = int(body[:digits], 16), body[digits] - 48
     payload = body[digits + 1 :]
@@ -132,6 +135,8 @@ def _frame(kind: str, line: bytes) -> CanFrame | None:
 
 
 def _text(frame: CanFrame) -> bytes:
+    if not (frame.extended or frame.remote):
+        return b"t%03X%d%s\r" % (frame.can_id, len(frame.data), frame.data.hex().upper().encode())
     digits = 8 if frame.extended else 3
     kind = "tTrR"[2 * frame.remote + frame.extended]
     payload = "" if frame.remote else frame.data.hex().upper()

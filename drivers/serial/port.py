@@ -8,6 +8,8 @@ import time
 
 import serial
 
+from drivers.ports import CHUNK_BYTES
+
 
 class SerialPort:
     """:class:`drivers.ports.BytePort` on a tty (USB adapter, UART or pty)."""
@@ -63,7 +65,7 @@ class SerialPort:
         if self._line is None:
             raise OSError("the port is closed")
         try:
-            data = os.read(self._line.fd, 65536)
+            data = os.read(self._line.fd, CHUNK_BYTES)
         except BlockingIOError:
             return b""
         if not data:

@@ -100,8 +100,9 @@ class Camera:
         return sight
 
     def _body(self, name: str, pose: BodyState, elapsed_s: float) -> Body:
-        faults = {f.kind: f for f in self._settings.script.faults if f.body == name and f.active(elapsed_s)}
-        identity = self.id(name, elapsed_s)
+        scripted = self._settings.script.faults
+        faults = {f.kind: f for f in scripted if f.body == name and f.active(elapsed_s)} if scripted else {}
+        identity = self.id(name, elapsed_s) if scripted else self.ids[name]
         if name in self._last and "frozen" in faults:
             return (identity, *self._last[name][1:])
         if name in self._last and "occlusion" in faults:
@@ -109,7 +110,8 @@ class Camera:
         jump = faults["jump"].number(0.0) if "jump" in faults else 0.0
         turn = faults["turn"].number(0.0) if "turn" in faults else 0.0
         noise = self._settings.noise_m
-        x, y, z = (self._random.gauss(0.0, noise) for _ in range(3))
+        gauss = self._random.gauss
+        x, y, z = gauss(0.0, noise), gauss(0.0, noise), gauss(0.0, noise)
         position, (qx, qy, qz, qw) = self._frame.source(
             pose.x_m + jump + x,
             pose.y_m + y,

@@ -167,7 +167,7 @@ class EmulatedServer:
 
     # --- frames --------------------------------------------------------------------------------
 
-    def stream(self, now_ns: int, poses: Iterable[BodyState]) -> list[Outgoing]:
+    def stream(self, now_ns: int, poses: Iterable[BodyState], sent_ns: int = 0) -> list[Outgoing]:
         """What is due at ``now_ns``: at most one new frame, of ``poses`` as they are at ``now_ns``.
 
         Due times are multiples of the period from the first call, so the rate does not drift; a call
@@ -183,7 +183,7 @@ class EmulatedServer:
             self.counters["frames_missed"] += missed
             self._number += missed
             if not self._down:
-                self._send(self._frames(now_ns, elapsed_s, poses), now_ns, elapsed_s)
+                self._send(self._frames(now_ns, elapsed_s, poses, sent_ns), now_ns, elapsed_s)
             self._number += 1
             self._frame_due_ns += (missed + 1) * period_ns
         out: list[Outgoing] = []
@@ -213,7 +213,7 @@ class EmulatedServer:
                 self.counters["client_timeout"] += 1
         return [(address, client.layout) for address, client in self._clients.items()]
 
-    def _frames(self, now_ns: int, elapsed_s: float, poses: Iterable[BodyState]) -> list[Outgoing]:
+    def _frames(self, now_ns: int, elapsed_s: float, poses: Iterable[BodyState], sent_ns: int) -> list[Outgoing]:
         receivers = self._receivers(now_ns)
         if not receivers:
             return []
@@ -233,7 +233,7 @@ class EmulatedServer:
             timestamp_s=(now_ns - self._born_ns) * 1e-9,
             exposure_ticks=self.ticks(now_ns),
             received_ticks=self.ticks(now_ns + latency_ns // 2),
-            transmit_ticks=self.ticks(now_ns + latency_ns),
+            transmit_ticks=self.ticks(max(now_ns + latency_ns, sent_ns)),
             precision=(now_ns // 1_000_000_000 & 0xFFFFFFFF, now_ns % 1_000_000_000),
             params=(MODELS_CHANGED if changed else 0) | (EDIT_MODE if script.active("edit_mode", elapsed_s) else 0),
             latency_s=latency_ns * 1e-9,
