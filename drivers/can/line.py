@@ -1,53 +1,32 @@
-"""A CAN bus as a driver uses it: port errors become typed driver errors, lost writes are counted."""
+"""A CAN bus as a driver uses it."""
 
-import errno
-from collections import Counter
 from collections.abc import Callable, Sequence
 
-from drivers.base import LinkLost, Refused
 from drivers.can.frame import CanFrame
+from drivers.line import DeviceLine
 from drivers.ports import FramePort
 
-REMEDY = "Check cable, power and adapter, then configure again"
-GONE = "Plug the adapter in, then: ip link set {port} up type can bitrate <bit/s>, and configure again"
-REMEDIES = {
-    errno.ENETDOWN: "Bring the interface up: ip link set {port} up type can bitrate <bit/s>, then configure again",
-    errno.ENODEV: GONE,
-    errno.ENXIO: GONE,
-    errno.ECONNRESET: "Check bitrate, wiring and termination, then: ip link set {port} down, up, and configure again",
-}
-"""By the errno of the port."""
 
-
-class CanLine:
+class CanLine(DeviceLine[FramePort]):
     """One device's view of its bus; ``take`` handles a frame and names the counter to raise, or ''."""
 
     def __init__(self, device: str, port: FramePort, take: Callable[[CanFrame], str]) -> None:
-        self.device = device
-        self.port = port
-        self.counters: Counter[str] = Counter()
+        super().__init__(device, port)
         self._take = take
-
-    def open(self) -> None:
-        """:raises LinkLost: with the reason."""
-        try:
-            self.port.open()
-        except OSError as error:
-            raise self._dead("open", error) from error
 
     def send(self, frames: Sequence[CanFrame]) -> None:
         try:
-            if not self.port.send(frames):
-                self.counters["send_dropped"] += 1
+            sent = self.port.send(frames)
         except OSError as error:
-            raise self._dead("send", error) from error
+            raise self.dead("send", error) from error
+        self.note(sent)
 
     def drain(self) -> None:
         """Handle every frame received."""
         try:
             frames = self.port.receive()
         except OSError as error:
-            raise self._dead("receive", error) from error
+            raise self.dead("receive", error) from error
         for frame in frames:
             reason = self._take(frame)
             if reason:
@@ -65,18 +44,3 @@ class CanLine:
             self.drain()
             now_ns = self.port.now_ns()
         return done()
-
-    def total(self) -> Counter[str]:
-        """All counters, the port's included."""
-        self.counters.update(self.port.take_counters())
-        return self.counters
-
-    def lost(self, fault: str, remedy: str = REMEDY) -> LinkLost:
-        return LinkLost(self.device, self.port.name, fault, remedy)
-
-    def _dead(self, verb: str, error: OSError) -> LinkLost:
-        remedy = REMEDIES.get(error.errno or 0, REMEDY)
-        return self.lost(f"cannot {verb}: {error.strerror or error}", remedy.format(port=self.port.name))
-
-    def refused(self, fault: str, remedy: str) -> Refused:
-        return Refused(self.device, self.port.name, fault, remedy)

@@ -5,20 +5,22 @@ heartbeat must confirm closed loop. CANSimple cannot reach ``axis.config.watchdo
 set over USB, and ``watchdog_s`` states what was set.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from contract.messages import WheelFeedback
-from contract.tables import Fault, show
-from drivers.base import ControllerFault, Site, WheelSpeeds
+from contract.tables import Fault
+from drivers.base import Site, WheelSpeeds
 from drivers.can import odrive_codec as codec
+from drivers.can.family import CanDrive, CanMotor, CanOptions, open_port
 from drivers.can.frame import CanFrame
-from drivers.can.line import CanLine
-from drivers.conversion import Odometer, WheelScale
-from drivers.options import WheelOptions
+from drivers.conversion import WheelScale
+from drivers.family import pair_faults, undeclared
 from drivers.ports import FramePort
+
+__all__ = ["Drive", "Options", "check", "open_port"]
 
 Node = Annotated[int, Meta(ge=0, le=codec.MAX_NODE, description="axis node id, axis.config.can.node_id")]
 
@@ -33,17 +35,14 @@ Seconds = Annotated[
 ]
 
 
-class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Options(CanOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``wheels = { kind = "odrive", ... }``"""
 
     kind: Literal["odrive"]
-    channel: Annotated[
-        str, Meta(min_length=1, max_length=200, description="CAN interface (can0), or the adapter's tty for slcan")
-    ]
-    interface: Annotated[Literal["socketcan", "slcan"], Meta(description="python-can interface")] = "socketcan"
-    bitrate: Annotated[int, Meta(ge=10_000, le=1_000_000, description="bit/s; slcan only, else set it on the link")] = (
-        250_000
-    )
+    bitrate: Annotated[
+        int,
+        Meta(ge=10_000, le=1_000_000, description="bit/s of the bus; a socketcan link must have been set to the same"),
+    ] = 250_000
     left: Node
     right: Node
     dialect: Annotated[Literal["0.5", "0.6"], Meta(description="firmware line")] = "0.6"
@@ -58,35 +57,22 @@ WATCHDOG_TEXT = (
 
 def check(options: Options, path: str) -> list[Fault]:
     """What no single key shows."""
-    faults = []
-    if options.left == options.right:
-        faults.append(Fault(f"{path}.right", show(options.right), "must differ from left"))
-    if options.watchdog_s is None:
-        faults.append(Fault(f"{path}.watchdog_s", "", f"missing; {WATCHDOG_TEXT}"))
-    return faults
+    return pair_faults(options.left, options.right, path) + undeclared(options.watchdog_s, path, WATCHDOG_TEXT)
 
 
-def open_port(options: Options) -> FramePort:
-    """The bus by its python-can interface."""
-    from drivers.can.bus import can_port
-
-    return can_port(options.interface, options.channel, options.bitrate)
-
-
-class _Axis:
+class _Axis(CanMotor):
     """What one wheel's axis last said."""
 
-    def __init__(self, name: str, node: int, scale: WheelScale) -> None:
-        self.name = name
-        self.node = node
-        self.scale = scale
-        self.odometer = Odometer(scale)
+    def __init__(self, name: str, node: int, gear_ratio: float, inverted: bool) -> None:
+        scale = WheelScale.of(1.0, gear_ratio, inverted)
+        super().__init__(name, node, scale, scale, None)
+
+    def forget(self) -> None:
+        super().forget()
         self.heartbeat: codec.Heartbeat | None = None
-        self.radps = 0.0
-        self.fresh = False
 
 
-class Drive:
+class Drive(CanDrive[Options, _Axis]):
     """:class:`drivers.base.DiffDrive` for two ODrive axes."""
 
     IDENTIFY_S = 0.6
@@ -97,74 +83,56 @@ class Drive:
     BUS_PERIOD_NS = 1_000_000_000
 
     def __init__(self, robot: str, options: Options, site: Site, port: FramePort) -> None:
-        self.robot = robot
-        self.options = options
-        self._site = site
-        self._line = CanLine(f"ODrive of {robot}", port, self._take)
-        gear = options.gear_ratio
-        self._left = _Axis("left", options.left, WheelScale.of(1.0, gear, options.left_inverted))
-        self._right = _Axis("right", options.right, WheelScale.of(1.0, gear, options.right_inverted))
-        self._axes = (self._left, self._right)
-        self._by_node = {axis.node: axis for axis in self._axes}
-        self._bus_v: float | None = None
-        self._active = False
+        left = _Axis("left", options.left, options.gear_ratio, options.left_inverted)
+        right = _Axis("right", options.right, options.gear_ratio, options.right_inverted)
+        super().__init__("ODrive", robot, options, site, port, left, right)
         self._heard_ns = 0
         self._asked_ns = 0
         self._bus_asked_ns = 0
 
-    @property
-    def counters(self) -> Mapping[str, int]:
-        return self._line.total()
+    def cycle(self) -> Sequence[CanFrame]:
+        """Setpoints and estimates at their default 10 ms, and one heartbeat."""
+        frames = [codec.set_input_vel(axis.device, 0.0) for axis in self.motors]
+        commands = (codec.ENCODER_ESTIMATES, codec.ENCODER_ESTIMATES, codec.HEARTBEAT)
+        return frames + [CanFrame(codec.frame_id(self.motors[0].device, command), bytes(8)) for command in commands]
 
     def configure(self) -> None:
-        declared = self.options.watchdog_s
-        if declared is None:
-            raise self._line.refused("the device watchdog is unknown", WATCHDOG_TEXT)
-        if declared > self._site.safety.watchdog_s:
-            raise self._line.refused(
-                f"watchdog_s = {declared:g} s exceeds safety.watchdog_s = {self._site.safety.watchdog_s:g} s",
-                "Lower axis.config.watchdog_timeout over USB, then watchdog_s here",
-            )
-        self._line.open()
-        for axis in self._axes:
-            axis.heartbeat, axis.fresh = None, False
-        self._line.wait_until(lambda: all(axis.heartbeat for axis in self._axes), self.IDENTIFY_S)
-        silent = [f"{axis.name} (node {axis.node})" for axis in self._axes if axis.heartbeat is None]
+        self.accept_watchdog(self.options.watchdog_s, WATCHDOG_TEXT)
+        self.open()
+        self.line.wait_until(lambda: all(axis.heartbeat for axis in self.motors), self.IDENTIFY_S)
+        silent = [f"{axis.name} (node {axis.device})" for axis in self.motors if axis.heartbeat is None]
         if silent:
             self.close()
-            raise self._line.lost(
+            raise self.line.lost(
                 f"no heartbeat from {' and '.join(silent)}",
                 "Check power, node ids, bitrate, CAN termination, and that nothing else holds the adapter",
             )
 
     def activate(self, now_ns: int) -> None:
-        nodes = [axis.node for axis in self._axes]
-        for axis in self._axes:
+        nodes = [axis.device for axis in self.motors]
+        for axis in self.motors:
             axis.heartbeat = None
-            axis.odometer = Odometer(axis.scale)
-        self._line.send([codec.set_controller_mode(node) for node in nodes])
-        self._line.send([codec.set_input_vel(node, 0.0) for node in nodes])
-        self._line.send([codec.clear_errors(node) for node in nodes])
-        self._line.send([codec.set_axis_state(node, codec.CLOSED_LOOP) for node in nodes])
+            axis.restart()
+        self.line.send([codec.set_controller_mode(node) for node in nodes])
+        self.line.send([codec.set_input_vel(node, 0.0) for node in nodes])
+        self.line.send([codec.clear_errors(node) for node in nodes])
+        self.line.send([codec.set_axis_state(node, codec.CLOSED_LOOP) for node in nodes])
         zeros = [codec.set_input_vel(node, 0.0) for node in nodes]
-        running = self._line.wait_until(lambda: all(_runs(axis.heartbeat) for axis in self._axes), self.ENABLE_S, zeros)
-        faults = self._faults()
-        if not running:
+        if not self.line.wait_until(self.enabled, self.ENABLE_S, zeros):
+            faults = self.faults()
             self.deactivate(now_ns)
-            raise ControllerFault(
-                self._line.device,
-                self._line.port.name,
+            raise self.line.faulty(
                 "closed loop not reached: " + (", ".join(faults) or "no heartbeat confirms it"),
                 "Calibrate the axis, read its errors over USB, then activate again",
             )
-        self._active = True
+        self.active = True
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        left, right = self._left, self._right
-        self._line.send(
+        left, right = self.motors
+        self.line.send(
             (
-                codec.set_input_vel(left.node, speeds.left_radps * left.scale.units_per_rad),
-                codec.set_input_vel(right.node, speeds.right_radps * right.scale.units_per_rad),
+                codec.set_input_vel(left.device, speeds.left_radps * left.speed.units_per_rad),
+                codec.set_input_vel(right.device, speeds.right_radps * right.speed.units_per_rad),
             )
         )
 
@@ -172,98 +140,69 @@ class Drive:
         frames = []
         if now_ns - max(self._heard_ns, self._asked_ns) > self.POLL_AFTER_NS:
             self._asked_ns = now_ns
-            frames += [codec.request(axis.node, codec.ENCODER_ESTIMATES) for axis in self._axes]
+            frames += [codec.request(axis.device, codec.ENCODER_ESTIMATES) for axis in self.motors]
         if now_ns - self._bus_asked_ns > self.BUS_PERIOD_NS:
             self._bus_asked_ns = now_ns
-            frames.append(codec.request(self._left.node, codec.GET_BUS))
+            frames.append(codec.request(self.motors[0].device, codec.GET_BUS))
         if frames:
-            self._line.send(frames)
+            self.line.send(frames)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
-        self._line.drain()
-        left, right = self._axes
-        if not (left.fresh and right.fresh):
-            return None
-        left.fresh = right.fresh = False
-        self._heard_ns = now_ns
-        return WheelFeedback(
-            robot=self.robot,
-            stamp_ns=now_ns,
-            left_radps=left.radps,
-            right_radps=right.radps,
-            left_rad=left.odometer.angle_rad,
-            right_rad=right.odometer.angle_rad,
-            bus_v=self._bus_v,
-            enabled=self._active and _runs(left.heartbeat) and _runs(right.heartbeat),
-            faults=self._faults(),
-        )
-
-    def stop(self, now_ns: int) -> None:
-        self._line.send([codec.set_input_vel(axis.node, 0.0) for axis in self._axes])
+        sample = super().read(now_ns)
+        if sample is not None:
+            self._heard_ns = now_ns
+        return sample
 
     def deactivate(self, now_ns: int) -> None:
-        self._active = False
-        self._line.send(
-            [codec.set_input_vel(axis.node, 0.0) for axis in self._axes]
-            + [codec.set_axis_state(axis.node, codec.IDLE) for axis in self._axes]
+        self.active = False
+        self.line.send(
+            [codec.set_input_vel(axis.device, 0.0) for axis in self.motors]
+            + [codec.set_axis_state(axis.device, codec.IDLE) for axis in self.motors]
         )
 
     def clear_errors(self, now_ns: int) -> None:
-        self._line.send([codec.clear_errors(axis.node) for axis in self._axes])
+        self.line.send([codec.clear_errors(axis.device) for axis in self.motors])
 
-    def close(self) -> None:
-        self._active = False
-        self._line.port.close()
+    def sender(self, can_id: int) -> int:
+        return can_id >> 5
 
-    def fileno(self) -> int | None:
-        return self._line.port.fileno()
-
-    def _take(self, frame: CanFrame) -> str:
-        """Handle one frame; the counter to raise if it was refused."""
-        axis = self._by_node.get(frame.can_id >> 5)
-        if axis is None or frame.extended:
-            return "foreign_frame"
-        if frame.remote:
-            return "remote_frame"
+    def take(self, motor: _Axis, frame: CanFrame) -> str:
         command = frame.can_id & 0x1F
         if command == codec.ENCODER_ESTIMATES:
-            return self._take_estimates(axis, frame.data)
+            estimates = codec.decode_estimates(frame.data)
+            if estimates is None:
+                return "bad_estimates"
+            refusal = motor.take_speed(estimates.velocity_revps)
+            if not refusal:
+                motor.take_position(estimates.position_rev)
+            return refusal
         if command == codec.HEARTBEAT:
             heartbeat = codec.decode_heartbeat(frame.data, self.options.dialect)
             if heartbeat is None:
                 return "bad_heartbeat"
-            axis.heartbeat = heartbeat
+            motor.heartbeat = heartbeat
         elif command == codec.GET_BUS:
             bus = codec.decode_bus(frame.data)
             if bus is None or not 0.0 <= bus.volts <= 100.0:
                 return "bad_bus"
-            self._bus_v = bus.volts
+            self.bus_v = bus.volts
         else:
             return "unused_frame"
         return ""
 
-    def _take_estimates(self, axis: _Axis, data: bytes) -> str:
-        estimates = codec.decode_estimates(data)
-        if estimates is None:
-            return "bad_estimates"
-        radps = axis.scale.to_wheel(estimates.velocity_revps)
-        if abs(radps) > 200.0:
-            return "implausible_speed"
-        axis.radps = radps
-        axis.odometer.update(estimates.position_rev)
-        axis.fresh = True
-        return ""
+    def enabled(self) -> bool:
+        return all(_runs(axis.heartbeat) for axis in self.motors)
 
-    def _faults(self) -> tuple[str, ...]:
+    def faults(self) -> tuple[str, ...]:
         """In words. Firmware 0.5 lets the watchdog expire while idle, too: no fault before activation."""
         names: list[str] = []
-        for axis in self._axes:
+        for axis in self.motors:
             beat = axis.heartbeat
             if beat is None:
                 continue
             flags = (beat.motor_fault, beat.encoder_fault, beat.controller_fault)
             error = beat.axis_error
-            if not self._active:
+            if not self.active:
                 error &= ~codec.WATCHDOG_BIT[self.options.dialect]
             names += [f"{axis.name} {name}" for name in codec.error_names(error, self.options.dialect)]
             names += [
@@ -271,7 +210,7 @@ class Drive:
                 for part, wrong in zip(("motor", "encoder", "controller"), flags, strict=True)
                 if wrong
             ]
-            if self._active and beat.state != codec.CLOSED_LOOP:
+            if self.active and beat.state != codec.CLOSED_LOOP:
                 names.append(f"{axis.name} left closed loop")
         return tuple(names)
 

@@ -29,6 +29,10 @@ class LineReader:
         self.counters: Counter[str] = Counter()
         self._rest = b""
 
+    def reset(self) -> None:
+        """Forget what has arrived: the port was reopened."""
+        self._rest = b""
+
     def feed(self, data: bytes) -> list[tuple[int, int]]:
         *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         if len(rest) > MAX_LINE:

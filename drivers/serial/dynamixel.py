@@ -6,21 +6,20 @@ manages 0.8 m/s on 30 mm wheels; XC330 and XL430 do not.
 """
 
 import struct
-from collections import Counter
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from contract.messages import WheelFeedback
-from contract.tables import Fault, show
-from drivers.base import STANDSTILL, ControllerFault, Site, WheelSpeeds
+from contract.tables import Fault
+from drivers.base import STANDSTILL, Site, WheelSpeeds
 from drivers.conversion import Odometer, WheelScale
-from drivers.options import DevicePath, WheelOptions
+from drivers.family import MAX_RADPS, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import dynamixel_codec as codec
-from drivers.serial.bandwidth import Bandwidth
-from drivers.serial.line import Line
+from drivers.serial.family import Baud, SerialDrive, SerialOptions, open_port
+
+__all__ = ["Drive", "Options", "check", "open_port"]
 
 OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG = 11, 64, 70, 98
 GOAL_VELOCITY, PRESENT_VELOCITY, INPUT_VOLTAGE = 104, 128, 144
@@ -29,36 +28,21 @@ WATCHDOG_STEP_S = 0.02
 COUNTS_PER_TURN = 4096
 VELOCITY_UNIT_RPM = 0.229
 HARDWARE_ERRORS = {0x1: "input voltage", 0x4: "overheating", 0x8: "encoder", 0x10: "electrical shock", 0x20: "overload"}
-CYCLE_BYTES = 24 + 16 + 2 * 19
-"""Sync write of two goals, sync read of two present speeds and positions, two replies."""
-
 Servo = Annotated[int, Meta(ge=0, le=252, description="servo id")]
 
 
-class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Options(SerialOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``wheels = { kind = "dynamixel", ... }``"""
 
     kind: Literal["dynamixel"]
-    port: DevicePath
-    baud: Annotated[int, Meta(ge=9600, le=4_500_000, description="as set in both servos; 57600 is too slow")] = (
-        1_000_000
-    )
+    baud: Baud = 1_000_000
     left: Servo
     right: Servo
 
 
 def check(options: Options, path: str) -> list[Fault]:
     """What no single key shows."""
-    if options.left == options.right:
-        return [Fault(f"{path}.right", show(options.right), "must differ from left")]
-    return []
-
-
-def open_port(options: Options) -> BytePort:
-    """The serial line."""
-    from drivers.serial.port import SerialPort
-
-    return SerialPort(options.port, options.baud)
+    return pair_faults(options.left, options.right, path)
 
 
 class _Servo:
@@ -76,36 +60,28 @@ class _Servo:
         self.hardware_error = 0
 
 
-class Drive:
+class Drive(SerialDrive[Options]):
     """:class:`drivers.base.DiffDrive` for two Dynamixel servos on one line."""
 
+    CYCLE_BYTES = 24 + 16 + 2 * 19
+    """Sync write of two goals, sync read of two present speeds and positions, two replies."""
     VOLTAGE_EVERY = 50
 
     def __init__(self, robot: str, options: Options, site: Site, port: BytePort) -> None:
-        self.robot = robot
-        self.options = options
-        self._site = site
-        self._line = Line(f"Dynamixel of {robot}", port)
         self._reader = codec.PacketReader()
-        self._counters: Counter[str] = Counter()
+        super().__init__("Dynamixel", robot, options, site, port, self._reader)
         self._servos = (
             _Servo("left", options.left, options.gear_ratio, options.left_inverted),
             _Servo("right", options.right, options.gear_ratio, options.right_inverted),
         )
         self._by_id = {servo.device: servo for servo in self._servos}
         self._ids = bytes(self._by_id)
-        self._bus_v: float | None = None
-        self._active = False
         self._polls = 0
 
-    @property
-    def counters(self) -> Mapping[str, int]:
-        return self._counters + self._line.counters + self._reader.counters
-
     def configure(self) -> None:
-        counts = int(self._site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9)
-        self._line.open(Bandwidth(CYCLE_BYTES, self.options.baud, self._site.control_period_s))
-        self._reader = codec.PacketReader()
+        counts = int(self.site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9)
+        self.open()
+        self._reader.reset()
         try:
             for servo in self._servos:
                 self._identify(servo, min(counts, 127))
@@ -117,7 +93,7 @@ class Drive:
         for servo in self._servos:
             servo.odometer = Odometer(servo.position, 32)
             watchdog = self._read(servo, BUS_WATCHDOG, 1)
-            counts = min(int(self._site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9), 127)
+            counts = min(int(self.site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9), 127)
             self._write(servo, BUS_WATCHDOG, b"\0")
             self._write(servo, GOAL_VELOCITY, bytes(4))
             self._write(servo, BUS_WATCHDOG, bytes((counts,)))
@@ -126,23 +102,21 @@ class Drive:
             if watchdog is None or hardware is None or self._read(servo, TORQUE_ENABLE, 1) != b"\1":
                 self.deactivate(now_ns)
                 names = _hardware_names(servo.name, hardware[0]) if hardware else ()
-                raise ControllerFault(
-                    self._line.device,
-                    self._line.port.name,
+                raise self.line.faulty(
                     f"{servo.name} torque does not switch on: {', '.join(names) or 'no answer'}",
                     "Remove the cause, clear errors (reboots the servo), activate again",
                 )
             servo.alert, servo.hardware_error = False, 0
-        self._active = True
+        self.active = True
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        if not self._active:
+        if not self.active:
             speeds = STANDSTILL
         goals = [
             (servo.device, struct.pack("<i", round(servo.goal.to_device(radps))))
             for servo, radps in zip(self._servos, speeds, strict=True)
         ]
-        self._line.send(codec.sync_write(GOAL_VELOCITY, 4, goals))
+        self.line.send(codec.sync_write(GOAL_VELOCITY, 4, goals))
 
     def poll(self, now_ns: int) -> None:
         self._polls += 1
@@ -152,64 +126,50 @@ class Drive:
         alarmed = next((servo for servo in self._servos if servo.alert and not servo.hardware_error), None)
         if alarmed is not None:
             request += codec.read(alarmed.device, HARDWARE_ERROR, 1)
-        self._line.send(request)
+        self.line.send(request)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
-        for status in self._reader.feed(self._line.receive()):
+        for status in self._reader.feed(self.line.receive()):
             self._take(status)
         left, right = self._servos
         if not (left.fresh and right.fresh):
             return None
         left.fresh = right.fresh = False
-        return WheelFeedback(
-            robot=self.robot,
-            stamp_ns=now_ns,
-            left_radps=left.radps,
-            right_radps=right.radps,
-            left_rad=left.odometer.angle_rad,
-            right_rad=right.odometer.angle_rad,
-            bus_v=self._bus_v,
-            enabled=self._active and not (left.alert or right.alert),
+        return self.feedback(
+            now_ns,
+            (left.radps, left.odometer.angle_rad),
+            (right.radps, right.odometer.angle_rad),
+            enabled=not (left.alert or right.alert),
             faults=tuple(name for servo in self._servos for name in _faults(servo)),
         )
 
-    def stop(self, now_ns: int) -> None:
-        self.write(STANDSTILL, now_ns)
-
     def deactivate(self, now_ns: int) -> None:
-        self._active = False
+        self.active = False
         self.write(STANDSTILL, now_ns)
         off = [(servo.device, b"\0") for servo in self._servos]
-        self._line.send(codec.sync_write(TORQUE_ENABLE, 1, off))
+        self.line.send(codec.sync_write(TORQUE_ENABLE, 1, off))
 
     def clear_errors(self, now_ns: int) -> None:
         """A latched hardware error clears only by a reboot of the servo."""
         for servo in self._servos:
             if servo.alert:
-                self._line.send(codec.packet(servo.device, codec.REBOOT))
+                self.line.send(codec.packet(servo.device, codec.REBOOT))
                 servo.alert, servo.hardware_error = False, 0
-
-    def close(self) -> None:
-        self._active = False
-        self._line.port.close()
-
-    def fileno(self) -> int | None:
-        return self._line.port.fileno()
 
     def _identify(self, servo: _Servo, counts: int) -> None:
         if self._read(servo, OPERATING_MODE, 1) is None:
-            raise self._line.lost(
+            raise self.line.lost(
                 f"no answer from the {servo.name} servo, id {servo.device}, at {self.options.baud} baud"
             )
         self._write(servo, TORQUE_ENABLE, b"\0")
         self._write(servo, OPERATING_MODE, bytes((VELOCITY_MODE,)))
         if self._read(servo, OPERATING_MODE, 1) != bytes((VELOCITY_MODE,)):
-            raise self._line.refused(f"the {servo.name} servo does not take velocity mode", "Use an X-series servo")
+            raise self.line.refused(f"the {servo.name} servo does not take velocity mode", "Use an X-series servo")
         self._write(servo, BUS_WATCHDOG, b"\0")
         self._write(servo, BUS_WATCHDOG, bytes((counts,)))
         seen = self._read(servo, BUS_WATCHDOG, 1)
         if seen != bytes((counts,)):
-            raise self._line.refused(
+            raise self.line.refused(
                 f"Bus Watchdog of the {servo.name} servo set to {counts} reads back {seen[0] if seen else 'nothing'}",
                 "Check safety.watchdog_s and the firmware; without it a hung computer leaves the wheels turning",
             )
@@ -229,28 +189,28 @@ class Drive:
                     answers.append(status.data)
             return bool(answers)
 
-        return answers[0] if self._line.answer(request, parse, 0.2) else None
+        return answers[0] if self.line.answer(request, parse, 0.2) else None
 
     def _take(self, status: codec.Status) -> None:
         servo = self._by_id.get(status.device)
         if servo is None:
-            self._counters["foreign_packet"] += 1
+            self.line.counters["foreign_packet"] += 1
             return
         servo.alert = bool(status.error & codec.ALERT)
         error = status.error & 0x7F
         if error:
-            self._counters["refused_" + codec.ERROR_NAMES.get(error, str(error)).replace(" ", "_")] += 1
+            self.line.counters["refused_" + codec.ERROR_NAMES.get(error, str(error)).replace(" ", "_")] += 1
         elif len(status.data) == 8:
             velocity, position = struct.unpack("<ii", status.data)
             radps = servo.goal.to_wheel(velocity)
-            if abs(radps) > 200.0:
-                self._counters["implausible_speed"] += 1
+            if abs(radps) > MAX_RADPS:
+                self.line.counters["implausible_speed"] += 1
                 return
             servo.radps = radps
             servo.odometer.update(position)
             servo.fresh = True
         elif len(status.data) == 2:
-            self._bus_v = min(int.from_bytes(status.data, "little") * 0.1, 100.0)
+            self.bus_v = min(int.from_bytes(status.data, "little") * 0.1, 100.0)
         elif len(status.data) == 1:
             servo.hardware_error = status.data[0]
 

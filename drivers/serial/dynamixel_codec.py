@@ -116,6 +116,10 @@ class PacketReader:
             else:
                 self.counters["not_status"] += 1
 
+    def reset(self) -> None:
+        """Forget what has arrived: the port was reopened."""
+        self._buffer = b""
+
     def _drop(self, count: int) -> None:
         if count:
             self.counters["stray_bytes"] += count

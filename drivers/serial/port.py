@@ -24,7 +24,8 @@ class SerialPort:
         try:
             line = serial.Serial(self.name, self._baud, timeout=0, write_timeout=0, exclusive=True)
         except (serial.SerialException, ValueError) as error:
-            raise OSError(str(error)) from error
+            number = getattr(error, "errno", None)
+            raise (OSError(str(error)) if number is None else OSError(number, str(error.args[-1]))) from error
         try:
             attributes = termios.tcgetattr(line.fd)
             attributes[6][termios.VMIN] = 1

@@ -5,34 +5,30 @@ The device has no enable: any speed command drives, duty zero releases. Its seri
 back before anything may move.
 """
 
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from contract.messages import WheelFeedback
-from contract.tables import Fault, show
-from drivers.base import STANDSTILL, ControllerFault, Site, WheelSpeeds
+from contract.tables import Fault
+from drivers.base import Site, WheelSpeeds
 from drivers.conversion import Odometer, WheelScale, saturate
-from drivers.options import DevicePath, WheelOptions
+from drivers.family import MAX_RADPS, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import roboclaw_codec as codec
-from drivers.serial.bandwidth import Bandwidth
-from drivers.serial.line import Line
+from drivers.serial.family import SerialDrive, SerialOptions, open_port
+
+__all__ = ["Drive", "Options", "check", "open_port"]
 
 Channel = Annotated[int, Meta(ge=1, le=2, description="motor output: 1 for M1, 2 for M2")]
 
-CYCLE_BYTES = 12 + 1 + (2 + 10) + (2 + 10)
-"""37 with its acknowledgement, 78 and 79 with their replies."""
 SPEED_LIMIT_QPPS = (1 << 31) - 1
 
 
-class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Options(SerialOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``wheels = { kind = "roboclaw", ... }``"""
 
     kind: Literal["roboclaw"]
-    port: DevicePath
-    baud: Annotated[int, Meta(ge=2400, le=1_000_000, description="as set in the controller; USB ignores it")] = 115200
     address: Annotated[int, Meta(ge=0x80, le=0x87, description="packet serial address")] = 0x80
     left: Channel = 1
     right: Channel = 2
@@ -43,21 +39,14 @@ class Options(WheelOptions, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 def check(options: Options, path: str) -> list[Fault]:
     """What no single key shows."""
-    if options.left == options.right:
-        return [Fault(f"{path}.right", show(options.right), "must differ from left")]
-    return []
+    return pair_faults(options.left, options.right, path)
 
 
-def open_port(options: Options) -> BytePort:
-    """The serial line."""
-    from drivers.serial.port import SerialPort
-
-    return SerialPort(options.port, options.baud)
-
-
-class Drive:
+class Drive(SerialDrive[Options]):
     """:class:`drivers.base.DiffDrive` for one two-channel RoboClaw."""
 
+    CYCLE_BYTES = 12 + 1 + (2 + 10) + (2 + 10)
+    """37 with its acknowledgement, 78 and 79 with their replies."""
     ANSWER_S = 0.25
     STATUS_EVERY = 10
     ACK_NS = 60_000_000
@@ -66,12 +55,9 @@ class Drive:
     """In polls."""
 
     def __init__(self, robot: str, options: Options, site: Site, port: BytePort) -> None:
-        self.robot = robot
-        self.options = options
-        self.firmware: tuple[int, ...] = ()
-        self._site = site
-        self._line = Line(f"RoboClaw of {robot}", port)
         self._replies = codec.Replies(options.address)
+        super().__init__("RoboClaw", robot, options, site, port, self._replies)
+        self.firmware: tuple[int, ...] = ()
         counts, gear = float(options.counts_per_revolution), options.gear_ratio
         self._left = WheelScale.of(counts, gear, options.left_inverted)
         self._right = WheelScale.of(counts, gear, options.right_inverted)
@@ -80,25 +66,19 @@ class Drive:
         self._swapped = options.left == 2
         self._position: tuple[float, float] | None = None
         self._speed: tuple[float, float] | None = None
-        self._bus_v: float | None = None
         self._faults: tuple[str, ...] = ()
-        self._active = False
         self._polls = 0
         self._acked_ns = 0
         """When a setpoint was last acknowledged."""
 
-    @property
-    def counters(self) -> Mapping[str, int]:
-        return self._line.counters + self._replies.counters
-
     def configure(self) -> None:
-        tenths = int(self._site.safety.watchdog_s * 10.0 + 1e-9)
+        tenths = int(self.site.safety.watchdog_s * 10.0 + 1e-9)
         if tenths < 1:
-            raise self._line.refused(
-                f"safety.watchdog_s = {self._site.safety.watchdog_s:g} s; the device counts in 0.1 s",
+            raise self.line.refused(
+                f"safety.watchdog_s = {self.site.safety.watchdog_s:g} s; the device counts in 0.1 s",
                 "Raise safety.watchdog_s to at least 0.1",
             )
-        self._line.open(Bandwidth(CYCLE_BYTES, self.options.baud, self._site.control_period_s))
+        self.open()
         self._replies.reset()
         try:
             self._identify(tenths)
@@ -110,22 +90,17 @@ class Drive:
         self._left_odometer = Odometer(self._left, 32)
         self._right_odometer = Odometer(self._right, 32)
         if self._ask(codec.speed_both(self.options.address, 0, 0), codec.SPEED_BOTH) is None:
-            raise self._line.lost("the zero setpoint is not acknowledged")
-        self._acked_ns = self._line.port.now_ns()
+            raise self.line.lost("the zero setpoint is not acknowledged")
+        self._acked_ns = self.line.port.now_ns()
         status = self._ask(codec.read_packet(self.options.address, codec.GET_STATUS), codec.GET_STATUS)
         self._faults = codec.decode_status(status or b"")
         if self._faults:
             self.deactivate(now_ns)
-            raise ControllerFault(
-                self._line.device,
-                self._line.port.name,
-                ", ".join(self._faults),
-                "Remove the cause, clear errors, activate again",
-            )
-        self._active = True
+            raise self.line.faulty(", ".join(self._faults), "Remove the cause, clear errors, activate again")
+        self.active = True
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        if not self._active:
+        if not self.active:
             self._release(now_ns)
             return
         left = speeds.left_radps * self._left.units_per_rad
@@ -137,7 +112,7 @@ class Drive:
     def poll(self, now_ns: int) -> None:
         """Ask for telemetry; not while setpoints go unacknowledged, for a read feeds the time-out as well
         as a setpoint does and would keep the last setpoint turning."""
-        deaf = self._active and now_ns - self._acked_ns > self.ACK_NS
+        deaf = self.active and now_ns - self._acked_ns > self.ACK_NS
         if deaf or self._replies.quiet(now_ns) or self._replies.waiting > 4:
             return
         self._polls += 1
@@ -156,49 +131,35 @@ class Drive:
             return None
         (left_rad, right_rad), (left_radps, right_radps) = self._position, self._speed
         self._position = self._speed = None
-        return WheelFeedback(
-            robot=self.robot,
-            stamp_ns=now_ns,
-            left_radps=left_radps,
-            right_radps=right_radps,
-            left_rad=left_rad,
-            right_rad=right_rad,
-            bus_v=self._bus_v,
-            enabled=self._active and "estop" not in self._faults,
+        return self.feedback(
+            now_ns,
+            (left_radps, left_rad),
+            (right_radps, right_rad),
+            enabled="estop" not in self._faults,
             faults=self._faults,
         )
 
-    def stop(self, now_ns: int) -> None:
-        self.write(STANDSTILL, now_ns)
-
     def deactivate(self, now_ns: int) -> None:
-        self._active = False
+        self.active = False
         self._release(now_ns)
 
     def clear_errors(self, now_ns: int) -> None:
         packet = codec.write_packet(self.options.address, codec.RESET_ESTOP)
         self._send(packet, (codec.RESET_ESTOP,), now_ns)
 
-    def close(self) -> None:
-        self._active = False
-        self._line.port.close()
-
-    def fileno(self) -> int | None:
-        return self._line.port.fileno()
-
     def _identify(self, tenths: int) -> None:
         address = self.options.address
         version = self._ask(codec.read_packet(address, codec.GET_VERSION), codec.GET_VERSION)
         if version is None:
-            raise self._line.lost(f"no answer at address 0x{address:02X} and {self.options.baud} baud")
+            raise self.line.lost(f"no answer at address 0x{address:02X} and {self.options.baud} baud")
         self.firmware = codec.firmware(version.decode("ascii", "replace"))
         if self._ask(codec.read_packet(address, codec.GET_STATUS), codec.GET_STATUS) is None:
-            raise self._line.refused("the status reply is not 32 bits wide", "Update the controller firmware")
+            raise self.line.refused("the status reply is not 32 bits wide", "Update the controller firmware")
         self._ask(codec.set_timeout(address, tenths), codec.SET_TIMEOUT)
         readback = self._ask(codec.read_packet(address, codec.GET_TIMEOUT), codec.GET_TIMEOUT)
         if readback != bytes((tenths,)):
             seen = "nothing" if readback is None else f"{readback[0] / 10:g} s"
-            raise self._line.refused(
+            raise self.line.refused(
                 f"serial time-out set to {tenths / 10:g} s reads back {seen}",
                 "Check the firmware version; without the time-out a hung computer leaves the wheels turning",
             )
@@ -206,13 +167,13 @@ class Drive:
     def _ask(self, packet: bytes, command: int) -> bytes | None:
         """The reply within ``ANSWER_S``, tried twice."""
         for _ in range(2):
-            start_ns = self._line.port.now_ns()
+            start_ns = self.line.port.now_ns()
             self._replies.reset()
             self._receive(start_ns)
             self._send(packet, (command,), start_ns)
-            while (left_s := self.ANSWER_S - (self._line.port.now_ns() - start_ns) * 1e-9) > 0.0:
-                self._line.port.wait(left_s)
-                for reply in self._receive(self._line.port.now_ns()):
+            while (left_s := self.ANSWER_S - (self.line.port.now_ns() - start_ns) * 1e-9) > 0.0:
+                self.line.port.wait(left_s)
+                for reply in self._receive(self.line.port.now_ns()):
                     if reply.command == command:
                         return reply.data
                 if self._replies.waiting == 0:
@@ -223,12 +184,12 @@ class Drive:
         self._send(codec.duty_both(self.options.address, 0, 0), (codec.DUTY_BOTH,), now_ns)
 
     def _send(self, packet: bytes, commands: "tuple[int, ...] | list[int]", now_ns: int) -> None:
-        if self._line.send(packet):
+        if self.line.send(packet):
             for command in commands:
                 self._replies.expect(command, now_ns)
 
     def _receive(self, now_ns: int) -> list[codec.Reply]:
-        return self._replies.feed(self._line.receive(), now_ns)
+        return self._replies.feed(self.line.receive(), now_ns)
 
     def _take(self, reply: codec.Reply, now_ns: int) -> None:
         if reply.command == codec.SPEED_BOTH:
@@ -239,8 +200,8 @@ class Drive:
         elif reply.command == codec.GET_SPEEDS:
             left, right = self._rims(codec.decode_speeds(reply.data))
             speed = (self._left.to_wheel(left), self._right.to_wheel(right))
-            if max(abs(speed[0]), abs(speed[1])) > 200.0:
-                self._line.counters["implausible_speed"] += 1
+            if max(abs(speed[0]), abs(speed[1])) > MAX_RADPS:
+                self.line.counters["implausible_speed"] += 1
             else:
                 self._speed = speed
         elif reply.command == codec.GET_STATUS:
@@ -248,7 +209,7 @@ class Drive:
         elif reply.command == codec.GET_MAIN_BATTERY:
             volts = codec.decode_battery(reply.data)
             if volts <= 100.0:
-                self._bus_v = volts
+                self.bus_v = volts
 
     def _rims(self, channels: tuple[int, int]) -> tuple[int, int]:
         return (channels[1], channels[0]) if self._swapped else channels

@@ -94,7 +94,7 @@ def test_every_step_towards_enabled_is_one_the_library_takes() -> None:
 def test_any_frame_is_survived_by_both_ends(data: bytes, can_id: int) -> None:
     bench = Bench("cia402")
     bench.start()
-    bench.drive.inner._take(CanFrame(can_id, data))
+    bench.drive.inner._deal(CanFrame(can_id, data))
     bench.drive.read(bench.now_ns)
     bench.device.device.take_frame(CanFrame(can_id, data), bench.now_ns)
     bench.device.device.take_frame(CanFrame(can_id, data, True), bench.now_ns)

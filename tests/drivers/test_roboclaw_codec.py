@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.bandwidth import Bandwidth
 from drivers.mock.roboclaw import crc16
 from drivers.serial import roboclaw_codec as codec
-from drivers.serial.bandwidth import Bandwidth
-from drivers.serial.roboclaw import CYCLE_BYTES
+from drivers.serial.roboclaw import Drive
 
 ADDRESS = 0x80
 QPPS = st.integers(-(2**31), 2**31 - 1)
@@ -135,7 +135,7 @@ def test_status_version_and_battery() -> None:
     ("baud", "busy_ms", "fits"), [(115200, 3.2, True), (38400, 9.6, False), (1_000_000, 0.37, True)]
 )
 def test_pitfall_38400_baud_cannot_run_100_hz(baud: int, busy_ms: float, fits: bool) -> None:
-    bandwidth = Bandwidth(CYCLE_BYTES, baud, 0.01)
+    bandwidth = Bandwidth(Drive.CYCLE_BYTES, baud, 0.01)
     assert bandwidth.busy_s * 1e3 == pytest.approx(busy_ms, abs=0.05)
     assert bandwidth.fits is fits
     assert fits or "37 bytes x 10 bits / 38400 baud = 9.6 ms" in str(bandwidth)

@@ -34,7 +34,7 @@ def test_any_frame_is_survived_by_both_ends(data: bytes, can_id: int) -> None:
         assert (decode(data) is None) == (len(data) < length)
     bench = Bench("vesc")
     bench.start()
-    bench.drive.inner._take(CanFrame(can_id, data, True))
+    bench.drive.inner._deal(CanFrame(can_id, data, True))
     bench.device.device.take_frame(CanFrame(can_id | 0x1000, data, True), bench.now_ns)
     assert bench.speeds() == (0.0, 0.0)
 

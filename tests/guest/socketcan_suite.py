@@ -305,7 +305,7 @@ def test_error_states_of_the_controller_are_counted_by_name(
 @pytest.mark.parametrize("kind", KINDS)
 def test_bus_off_is_a_lost_link_with_a_remedy(adapter: KernelAdapter, kind: str) -> None:
     bench = KernelBench(kind, adapter.name)
-    bench.drive.inner._line.open()
+    bench.drive.inner.line.open_port()
     adapter.says(b"sb255255\r")
     select.select([bench.port.fileno()], [], [], 5.0)
     with pytest.raises(LinkLost, match=f"of {ROBOT} on {adapter.name}: cannot receive: bus-off") as caught:
