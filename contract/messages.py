@@ -18,7 +18,7 @@ from contract.units import (
     Nanoseconds,
     Point,
     Radians,
-    RobotId,
+    RobotName,
     Speed,
     Text,
     TurnRate,
@@ -39,7 +39,7 @@ class Message(Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unkn
 class BodyPose(Message, frozen=True, kw_only=True):
     """One rigid body of a frame; ``valid`` false keeps the last coordinates and names the reason."""
 
-    robot: RobotId
+    robot: RobotName
     x_m: Metres
     y_m: Metres
     heading_rad: Radians
@@ -93,7 +93,7 @@ class ExternalFrame(Message, frozen=True, kw_only=True):
 class BodyHealth(Message, frozen=True, kw_only=True):
     """Why a body is not trusted, and how often each check fired."""
 
-    robot: RobotId
+    robot: RobotName
     valid: bool
     reason: Name = ""
     faults: dict[str, Count] = {}
@@ -158,7 +158,7 @@ class StationHeartbeat(Message, frozen=True, kw_only=True):
     order: Order
     order_id: Count
     """Raised with every new order; a robot obeys an order id once, so a reboot never re-arms."""
-    robots: tuple[RobotId, ...] = ()
+    robots: tuple[RobotName, ...] = ()
     """Addressees of the order; empty means all. ``stop`` always means all."""
     home: bool = False
     """With ``run``: drive to the start poses, links released, in place of the mission."""
@@ -177,7 +177,7 @@ class OrderRequest(Message, frozen=True, kw_only=True):
     number: Count
     """Drawn afresh for every request; a repeated number is the same request."""
     order: Request
-    robots: tuple[RobotId, ...] = ()
+    robots: tuple[RobotName, ...] = ()
     """Addressees; empty means all."""
 
 
@@ -195,7 +195,7 @@ class StopRequest(Message, frozen=True, kw_only=True):
 class TransactionId(Message, frozen=True, kw_only=True):
     """A removal transaction: coordinator, its boot, and a number that never repeats in that boot."""
 
-    coordinator: RobotId
+    coordinator: RobotName
     boot: Count
     number: Count
 
@@ -203,10 +203,10 @@ class TransactionId(Message, frozen=True, kw_only=True):
 class LinkMessage(Message, frozen=True, kw_only=True):
     """One step of the link protocol (onboard/ahdc/links.py), addressed to one neighbour."""
 
-    to: RobotId
+    to: RobotName
     kind: Literal["lock", "nack", "yes", "commit", "abort", "ack", "inquire", "unknown", "add", "accept", "confirm"]
     tx: TransactionId | None = None
-    path: tuple[RobotId, ...] = ()
+    path: tuple[RobotName, ...] = ()
     """Verified detour, coordinator first, the far end of the removed link last."""
     hop: Count = 0
     incarnation: Count = 0
@@ -216,7 +216,7 @@ class LinkMessage(Message, frozen=True, kw_only=True):
 class Help(Message, frozen=True, kw_only=True):
     """A tracker that makes no progress asks for a hand; the lowest id wins."""
 
-    robot: RobotId
+    robot: RobotName
     hops: Annotated[int, Meta(ge=0, le=1000)]
     number: Count = 0
 
@@ -224,7 +224,7 @@ class Help(Message, frozen=True, kw_only=True):
 class NeighbourState(Message, frozen=True, kw_only=True):
     """What a robot tells the robots within its radio range, every ``control.state_period_s``."""
 
-    robot: RobotId
+    robot: RobotName
     boot: Count
     seq: Count
     stamp_ns: Nanoseconds
@@ -257,11 +257,11 @@ class NeighbourState(Message, frozen=True, kw_only=True):
     sightings: tuple[Target, ...] = ()
     """Targets it remembers, when ``target_knowledge`` is shared."""
     help: Help | None = None
-    links_on: tuple[RobotId, ...] = ()
+    links_on: tuple[RobotName, ...] = ()
     """Links it vouches for."""
-    links_kept: tuple[RobotId, ...] = ()
+    links_kept: tuple[RobotName, ...] = ()
     """Links it enforces but does not vouch for."""
-    wishes: tuple[RobotId, ...] = ()
+    wishes: tuple[RobotName, ...] = ()
     """Links it would remove: its half of eq. 14's consent (``paper`` profile)."""
     mail: tuple[LinkMessage, ...] = ()
 
@@ -286,7 +286,7 @@ class LoopTiming(Message, frozen=True, kw_only=True):
 class RobotReport(Message, frozen=True, kw_only=True):
     """How a robot is, 10 Hz and at once when run state, order or stop change: what the station watches and records."""
 
-    robot: RobotId
+    robot: RobotName
     boot: Count
     stamp_ns: Nanoseconds
     schema_version: int = 0
@@ -310,9 +310,9 @@ class RobotReport(Message, frozen=True, kw_only=True):
     task: Name = ""
     claim: int = -1
     occupied_count: Count = 0
-    neighbours: tuple[RobotId, ...] = ()
-    links_on: tuple[RobotId, ...] = ()
-    links_kept: tuple[RobotId, ...] = ()
+    neighbours: tuple[RobotName, ...] = ()
+    links_on: tuple[RobotName, ...] = ()
+    links_kept: tuple[RobotName, ...] = ()
     counters: dict[str, Count] = {}
     """Everything refused or lost so far, by name."""
 
@@ -320,14 +320,14 @@ class RobotReport(Message, frozen=True, kw_only=True):
 class LinkState(Message, frozen=True, kw_only=True):
     """Edges a robot enforces and vouches for, as of one pose frame (recorded, drawn)."""
 
-    other: RobotId
+    other: RobotName
     state: Literal["on", "doubt", "leaving"]
 
 
 class RobotStep(Message, frozen=True, kw_only=True):
     """One control step: what went in and what came out. Recorded, and enough to judge the step."""
 
-    robot: RobotId
+    robot: RobotName
     frame: Count
     exposure_ns: Nanoseconds
     step_ns: Nanoseconds
@@ -346,7 +346,7 @@ class RobotStep(Message, frozen=True, kw_only=True):
 class StepBatch(Message, frozen=True, kw_only=True):
     """Control steps since the last batch: one message in place of a hundred a second."""
 
-    robot: RobotId
+    robot: RobotName
     steps: tuple[RobotStep, ...]
 
 
@@ -375,7 +375,7 @@ class Input(Struct, frozen=True, array_like=True):
 class InputBatch(Message, frozen=True, kw_only=True):
     """Everything a robot's agent was given since the batch before, in order; the first since its start is number 0."""
 
-    robot: RobotId
+    robot: RobotName
     boot: Count
     number: Count
     since_ns: Nanoseconds
@@ -389,7 +389,7 @@ class InputBatch(Message, frozen=True, kw_only=True):
 class WheelFeedback(Message, frozen=True, kw_only=True):
     """What the motor controller measured."""
 
-    robot: RobotId
+    robot: RobotName
     stamp_ns: Nanoseconds
     left_radps: TurnRate
     right_radps: TurnRate
@@ -402,7 +402,7 @@ class WheelFeedback(Message, frozen=True, kw_only=True):
 
 
 class FeedbackBatch(Message, frozen=True, kw_only=True):
-    robot: RobotId
+    robot: RobotName
     samples: tuple[WheelFeedback, ...]
 
 
@@ -420,7 +420,7 @@ class MotorSample(Message, frozen=True, kw_only=True):
 class MotorBatch(Message, frozen=True, kw_only=True):
     """Commands decoded since the last batch, and where the emulated body really is."""
 
-    robot: RobotId
+    robot: RobotName
     samples: tuple[MotorSample, ...]
     true_ns: Nanoseconds
     true_x_m: Metres
