@@ -11,6 +11,8 @@ new id. Whatever ends a mission, the heartbeat goes on: it is what keeps a STOP 
 import math
 from typing import Literal, NamedTuple
 
+from msgspec.structs import replace
+
 from contract.arena import Arena, digest
 from contract.messages import (
     SCHEMA_VERSION,
@@ -19,6 +21,7 @@ from contract.messages import (
     NeighbourState,
     Order,
     OrderRequest,
+    Request,
     RobotReport,
     RunStatus,
     StationHeartbeat,
@@ -29,9 +32,19 @@ from groundstation.connectivity import summary
 
 REPORT_FRESH_NS = 1_000_000_000
 ARM_TIMEOUT_NS = 5_000_000_000
+HOME_TIMEOUT_NS = 180_000_000_000
+MISPLACED_M = 0.10
+"""Farther from its start than this, a robot is said to be elsewhere."""
 
-Phase = Literal["waiting", "ready", "armed", "running", "completed", "stopped", "failed"]
+Phase = Literal["waiting", "ready", "armed", "running", "homing", "completed", "stopped", "failed"]
 ENDED: frozenset[Phase] = frozenset({"completed", "stopped", "failed"})
+
+
+def next_mission(name: str) -> str:
+    """A mission's name for its next run: lab, lab.2, lab.3."""
+    stem, dot, number = name.rpartition(".")
+    again = bool(dot) and number.isdecimal() and number.isascii()
+    return f"{(stem if again else name)[:56]}.{int(number) + 1 if again else 2}"
 
 
 class Plan(NamedTuple):
@@ -70,6 +83,9 @@ class Session:
         self._ended_ns = 0
         self._seq = 0
         self._requests: set[int] = set()
+        self._missions: dict[str, str] = {}
+        """Robot -> the mission whose targets it knows."""
+        self._places: dict[str, tuple[float, float]] = {}
         self._points: list[tuple[float, float]] = []
         self._lambda2, self._components = 0.0, 0
 
@@ -81,7 +97,9 @@ class Session:
             self.reports[message.robot] = message
             self._heard_ns[message.robot] = now_ns
         elif isinstance(message, NeighbourState):
-            self._note_occupied(message.occupied)
+            self._missions[message.robot] = message.mission
+            if message.mission == self.cloud.mission:
+                self._note_occupied(message.occupied)
         elif isinstance(message, MocapFrame):
             self._look(message)
         elif isinstance(message, StopRequest):
@@ -101,8 +119,11 @@ class Session:
         elif cloud != self.cloud:
             self.detail = f"new targets refused while {self.phase}"
 
-    def order(self, order: Order, now_ns: int, robots: tuple[str, ...] = ()) -> None:
+    def order(self, order: Request | Literal["stop"], now_ns: int, robots: tuple[str, ...] = ()) -> None:
         """An operator's order. ``disarm`` also releases a stop and makes an ended session ready anew.
+
+        ``repeat``: the same targets as a new mission, in which none is occupied. ``home``: arm every robot, drive
+        it to its start, disarm. Both only while disarmed.
 
         With ``robots``, it is for these alone: the others stay as they are, and one of the others that is
         found with power on its wheels is a stop for all.
@@ -113,10 +134,17 @@ class Session:
             self._end("stopped", "stop ordered", "stop", now_ns)
         elif order == "disarm":
             self._give("disarm", now_ns)
-            self.phase, self.detail = "waiting", "disarmed by order"
-            self._occupied.clear()
-            self._started_ns = self._ended_ns = 0
-            self._plan = self._plan._replace(automatic=False)
+            self._wait("disarmed by order")
+        elif order == "repeat" and self._order == "disarm":
+            self.cloud = replace(self.cloud, mission=next_mission(self.cloud.mission))
+            self._wait("the same targets again")
+        elif order == "home" and self._order == "disarm":
+            if lacking := self.lacking(now_ns, connected=False):
+                self.detail = f"home refused: {'; '.join(lacking)}"[:400]
+                return
+            self._wait("arming")
+            self.phase = "homing"
+            self._give("arm", now_ns)
         elif order == "arm" and self.phase == "ready":
             self._give("arm", now_ns)
         elif order == "run" and self.phase in ("armed", "running"):
@@ -142,7 +170,7 @@ class Session:
             self._end("failed", "; ".join(f"{r.robot}: {r.reason}" for r in faulty)[:400], "stop", now_ns)
             return
         stopped = [report.robot for report in self.reports.values() if report.run == "stopped"]
-        if stopped and self.phase in ("armed", "running"):
+        if stopped and self.phase in ("armed", "running", "homing"):
             reason = self.reports[stopped[0]].reason
             self._end("stopped", f"{', '.join(stopped)} stopped: {reason}"[:400], "stop", now_ns)
             return
@@ -153,6 +181,44 @@ class Session:
                 self._start(now_ns)
         elif self.phase == "running":
             self._judge(now_ns)
+        elif self.phase == "homing":
+            self._bring_home(now_ns)
+
+    def _wait(self, detail: str) -> None:
+        """From the beginning, targets and mission aside; nothing more by itself."""
+        self.phase, self.detail = "waiting", detail
+        self._occupied.clear()
+        self._started_ns = self._ended_ns = 0
+        self._plan = self._plan._replace(automatic=False)
+
+    def _bring_home(self, now_ns: int) -> None:
+        waited_ns = now_ns - self._ordered_ns
+        if self._order == "arm":
+            waiting = [name for name in self._arena.robots if self.reports[name].run != "armed"]
+            if not waiting:
+                self._give("run", now_ns)
+            elif waited_ns > ARM_TIMEOUT_NS:
+                self._end("failed", f"not armed: {self._words_of(waiting)}"[:400], "disarm", now_ns)
+            return
+        away = [name for name in self._arena.robots if self.reports[name].task != "home"]
+        self.detail = f"on the way: {', '.join(away)}" if away else "all robots at home"
+        if not away:
+            self._give("disarm", now_ns)
+            self._wait("all robots at home")
+        elif waited_ns > HOME_TIMEOUT_NS:
+            self._end("failed", f"not home: {'; '.join(self.misplaced()) or ', '.join(away)}"[:400], "disarm", now_ns)
+
+    def _words_of(self, names: list[str]) -> str:
+        return "; ".join(f"{name}: {self.reports[name].reason or self.reports[name].run}" for name in names)
+
+    def misplaced(self) -> list[str]:
+        """Where each robot that motion capture sees away from its start belongs, in words."""
+        words = []
+        for name, robot in self._arena.robots.items():
+            place = self._places.get(name)
+            if place is not None and (away_m := math.dist(place, robot.start)) > MISPLACED_M:
+                words.append(f"{name} belongs at x {robot.start[0]:.2f}, y {robot.start[1]:.2f}, {away_m:.2f} m away")
+        return words
 
     def _prepare(self, now_ns: int) -> None:
         lacking = self.lacking(now_ns)
@@ -171,11 +237,10 @@ class Session:
         if not waiting:
             self.phase, self.detail = "armed", "all robots armed; run to start"
         elif now_ns - self._ordered_ns > ARM_TIMEOUT_NS:
-            reasons = "; ".join(f"{name}: {self.reports[name].reason or self.reports[name].run}" for name in waiting)
-            self._end("failed", f"not armed: {reasons}"[:400], "disarm", now_ns)
+            self._end("failed", f"not armed: {self._words_of(waiting)}"[:400], "disarm", now_ns)
 
-    def lacking(self, now_ns: int) -> list[str]:
-        """What still stands between this arena and an armed swarm, in words."""
+    def lacking(self, now_ns: int, connected: bool = True) -> list[str]:
+        """What still stands between this arena and an armed swarm, in words; ``connected``: also to a mission."""
         missing = []
         for name in self._arena.robots:
             report = self.reports.get(name)
@@ -193,9 +258,16 @@ class Session:
                 missing.append(f"{name}: {report.reason}")
         if not missing and len(self._points) < len(self._arena.robots):
             missing.append(f"motion capture sees {len(self._points)} of {len(self._arena.robots)} robots")
+        if not connected:
+            return missing
+        mission = self.cloud.mission
+        late = [name for name in self._arena.robots if self._missions.get(name, mission) != mission]
+        if not missing and late:
+            missing.append(f"{', '.join(late)}: targets of {mission} not there yet")
         if not missing and self._components > 1:
             radius = self._arena.control.sensing_radius_m
             missing.append(f"the swarm is in {self._components} pieces; place robots within {radius:g} m of others")
+            missing += self.misplaced()
         return missing
 
     def _judge(self, now_ns: int) -> None:
@@ -253,6 +325,7 @@ class Session:
             order=self._order,
             order_id=self._order_id,
             robots=self._addressees if self._order != "stop" else (),
+            home=self.phase == "homing" and self._order == "run",
             mission=self.cloud.mission,
             arena_hash=self._hash,
         )
@@ -283,7 +356,9 @@ class Session:
                 self._occupied.append(index)
 
     def _look(self, frame: MocapFrame) -> None:
-        self._points = [(b.x_m, b.y_m) for b in frame.bodies if b.valid and b.robot in self._arena.robots]
+        seen = {b.robot: (b.x_m, b.y_m) for b in frame.bodies if b.valid and b.robot in self._arena.robots}
+        self._places |= seen
+        self._points = list(seen.values())
         self._lambda2, self._components = summary(self._points, self._arena.control.sensing_radius_m)
         if self.phase == "running" and len(self._points) == len(self._arena.robots):
             self.min_lambda2 = min(self.min_lambda2, self._lambda2)

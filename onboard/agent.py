@@ -75,7 +75,8 @@ class Agent:
         self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims)
         self._parameters = parameters
         entry = arena.robots[robot]
-        self.homing = Homing(robot, Home(*entry.start, entry.heading_rad), parameters, self.pacing.period_s)
+        home = Home(*entry.start, entry.heading_rad)
+        self.homing = Homing(robot, home, parameters, self._bounds, self.pacing.period_s)
         self._going_home = False
         self._odometry = Odometry(self._separation_m)
         self._frame: MocapFrame | None = None

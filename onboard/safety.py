@@ -70,6 +70,8 @@ class Supervisor:
         """Last order obeyed."""
         self.stop_id = 0
         """Last stop request obeyed."""
+        self.homing = False
+        """The last ``run`` obeyed was to drive home."""
         self.ignored_heartbeats = 0
         """Repeated, reordered, too old or from the future."""
         self._robot = robot
@@ -182,6 +184,8 @@ class Supervisor:
             self._reason, self._remedy = f"{order} refused: not armed", "arm first"
             return
         self.order_id = message.order_id
+        if order == "run":
+            self.homing = message.home
         self._apply(order, now_ns, "", "")
 
     def _apply(self, event: Event, now_ns: int, reason: str, remedy: str) -> None:

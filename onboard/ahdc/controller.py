@@ -63,6 +63,14 @@ class Controller:
         self.tasking = Tasking(self.robot, self.parameters)
         self._goal, self._last_sighting = None, -1
 
+    def release(self) -> None:
+        """Give up every link, as homing needs it."""
+        self._mail.clear()
+        if self.field is not None:
+            self.field.release()
+        if self.paper is not None:
+            self.paper.neighbours, self.paper.wishes, self.paper.kept = set(), set(), set()
+
     def think(self, view: View) -> None:
         """Algorithm 1, line 1: the goal from algorithm 2; in the ``field`` profile also the links."""
         if self.field is not None:

@@ -69,6 +69,11 @@ class FieldLaw:
             self._try_removal(view, own)
         links.tick(now_s)
 
+    def release(self) -> None:
+        """Without links, as at the start: it moves again only once linked to every robot within r_c."""
+        self.links.release()
+        self.joined = False
+
     def _try_removal(self, view: View, own: Vector) -> None:
         """Propose giving up the longest link for which a common neighbour offers two shorter ones."""
         places = {name: (s.x_m, s.y_m) for name, s in view.sighted.items()}

@@ -119,6 +119,16 @@ class LinkTable:
             self.removal = None
         entry.state, entry.tx, entry.life = Link.DOUBT, None, None
 
+    def release(self) -> None:
+        """Give every link up without asking: an operator sends the swarm home. Old transactions stay closed."""
+        self.removal = None
+        self.outbox.clear()
+        for entry in self.entries.values():
+            if entry.tx is not None:
+                self._close(entry.tx)
+            self._close_life(entry)
+            entry.state, entry.tx = Link.OFF, None
+
     def offer(self, other: str, now_s: float) -> None:
         """Start a link with a neighbour (rule 7); nothing happens where one exists in good state."""
         entry = self.entries.setdefault(other, Entry())

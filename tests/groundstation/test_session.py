@@ -86,7 +86,7 @@ class Swarm:
     def occupy(self, bitmap: str) -> None:
         state = NeighbourState(
             robot="r06", boot=1, seq=1, stamp_ns=0, x_m=0.0, y_m=0.0, heading_rad=0.0, vx_mps=0.0, vy_mps=0.0,
-            stop_long=(0.0, 0.0), stop_short=(0.0, 0.0), occupied=bitmap,
+            stop_long=(0.0, 0.0), stop_short=(0.0, 0.0), mission=self.session.cloud.mission, occupied=bitmap,
         )  # fmt: skip
         self.session.receive(state, self.now)
 
