@@ -1,13 +1,24 @@
-"""ROBOTIS' own SDK and ``rustypot`` drive our emulated servos through a pty."""
+"""ROBOTIS' own SDK and ``rustypot``: they drive our emulated servos, and say the bytes our codec says."""
 
+import contextlib
+import os
+import struct
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import tty
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import dynamixel_sdk as sdk
 import pytest
 import rustypot
+
+from drivers.mock.controller import Wheels
+from drivers.mock.dynamixel import EmulatedDynamixel
+from drivers.mock.motor import MotorLimits
+from drivers.serial import dynamixel_codec as codec
+from drivers.serial.dynamixel import Options
 
 
 @pytest.fixture
@@ -70,3 +81,94 @@ def test_rustypot(link: str) -> None:
     assert first == pytest.approx(100, abs=1)
     assert second == pytest.approx(-50, abs=1)
     assert len(peer.sync_read_present_position([1, 2])) == 2
+
+
+class Memory:
+    """A ``PortHandler`` of the SDK straight into emulated servos (or nowhere); no time passes."""
+
+    def __init__(self, device: EmulatedDynamixel | None = None) -> None:
+        self.is_using = False
+        self.device = device
+        self.sent = b""
+        self.waiting = b""
+
+    def clearPort(self) -> None:
+        self.waiting = b""
+
+    def writePort(self, packet: list[int]) -> int:
+        self.sent = bytes(packet)
+        if self.device is not None:
+            self.waiting += self.device.receive(self.sent, 0)
+        return len(packet)
+
+    def readPort(self, length: int) -> list[int]:
+        taken, self.waiting = self.waiting[:length], self.waiting[length:]
+        return list(taken)
+
+    def setPacketTimeout(self, length: int) -> None: ...
+
+    def setPacketTimeoutMillis(self, milliseconds: float) -> None: ...
+
+    def isPacketTimeout(self) -> bool:
+        return not self.waiting
+
+
+def test_the_makers_sdk_says_the_same_bytes() -> None:
+    port, peer = Memory(), sdk.PacketHandler(2.0)
+    peer.readTx(port, 7, 132, 4)
+    assert port.sent == codec.read(7, 132, 4)
+    port.is_using = False
+    peer.write4ByteTxOnly(port, 1, 104, 0xFFFFFFFF)
+    assert port.sent == codec.write(1, 104, b"\xff" * 4)
+    port.is_using = False
+    peer.syncReadTx(port, 128, 8, [1, 2], 2, False)
+    assert port.sent == codec.sync_read((1, 2), 128, 8)
+    port.is_using = False
+    values = [(1, struct.pack("<i", -417)), (2, struct.pack("<i", 1000))]
+    parameters = [byte for device, data in values for byte in (device, *data)]
+    peer.syncWriteTxOnly(port, 104, 4, parameters, len(parameters))
+    assert port.sent == codec.sync_write(104, 4, values)
+
+
+@pytest.mark.parametrize("position", [0xFD, 0x1FD, -3, 0xFDFD])
+def test_a_stuffed_reply_is_read_alike_by_the_makers_sdk_and_by_us(position: int) -> None:
+    """Speed -1 in front of a position that ends in FD: FF FF FF FF FD on the wire gets one more FD."""
+    options = Options(kind="dynamixel", port="x", left=1, right=2)
+    device = EmulatedDynamixel(options, Wheels.of(MotorLimits()))
+    first = device.servos[0]
+    first.refresh = lambda: first.table.__setitem__(slice(128, 136), struct.pack("<ii", -1, position))  # type: ignore[method-assign]
+    raw = device.receive(codec.read(1, 128, 8), 0)
+    assert (b"\xff\xff\xfd\xfd" in raw[8:]) is (position & 0xFF == 0xFD)
+    (status,) = codec.PacketReader().feed(raw)
+    data, result, error = sdk.PacketHandler(2.0).readTxRx(Memory(device), 1, 128, 8)
+    assert (result, error) == (0, 0)
+    assert bytes(data) == status.data == struct.pack("<ii", -1, position)
+
+
+def said_by_rustypot(speak: Callable[[rustypot.Xl330PyController], object]) -> bytes:
+    """The bytes it writes to a line on which nobody answers."""
+    ours, theirs = os.openpty()
+    try:
+        tty.setraw(theirs)
+        peer = rustypot.Xl330PyController(os.ttyname(theirs), 1_000_000, 0.02)
+
+        def run() -> None:
+            with contextlib.suppress(RuntimeError, OSError, ValueError):
+                speak(peer)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        data = os.read(ours, 256)
+        thread.join()
+        return data
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def test_rustypot_says_the_same_bytes() -> None:
+    assert said_by_rustypot(lambda peer: peer.sync_read_present_velocity([1, 2])) == codec.sync_read((1, 2), 128, 4)
+    goals = [(1, struct.pack("<i", -1)), (2, struct.pack("<i", 253))]
+    assert said_by_rustypot(lambda peer: peer.sync_write_goal_velocity([1, 2], [-1, 253])) == codec.sync_write(
+        104, 4, goals
+    )
