@@ -6,7 +6,7 @@ control step cannot delay a stop that arrives behind other traffic.
 
 import contextlib
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 
 from contract.codec import WireError, decode
@@ -17,13 +17,9 @@ from contract.messages import Message
 class Inbox:
     """Latest-wins slots. ``put`` may be called from any thread, the rest from the loop only."""
 
-    def __init__(self, urgency: Mapping[str, int], quiet: Collection[str] = ()) -> None:
-        """
-        :param urgency: key to rank; the smallest is taken first.
-        :param quiet: keys that wait for the next waking: what only a control step looks at need not wake the loop.
-        """
+    def __init__(self, urgency: Mapping[str, int]) -> None:
+        """:param urgency: key to rank; the smallest is taken first."""
         self._slots: dict[str, bytes] = {}
-        self._quiet = frozenset(quiet)
         self._urgency = dict(urgency)
         self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
@@ -33,24 +29,17 @@ class Inbox:
 
     def put(self, key: str, payload: bytes) -> None:
         self._slots[key] = payload
-        if key not in self._quiet:
-            self.wake()
+        self.wake()
 
     def wake(self) -> None:
         os.eventfd_write(self._event, 1)
 
-    def quieten(self) -> None:
-        """Call when :meth:`fileno` is readable, before taking."""
+    def take(self) -> list[tuple[str, bytes]]:
+        """Everything that waits, most urgent first; nothing that arrives meanwhile is lost."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._event)
-
-    def take(self, quiet: bool | None = None) -> list[tuple[str, bytes]]:
-        """Everything that waits, most urgent first; nothing that arrives meanwhile is lost.
-
-        :param quiet: True for the quiet keys only, False for the others only, so that a step need not wait.
-        """
         slots = self._slots
-        waiting = [key for key in list(slots) if quiet is None or (key in self._quiet) == quiet]
+        waiting = list(slots)
         if len(waiting) > 1:
             waiting.sort(key=lambda key: self._urgency.get(key, len(self._urgency)))
         return [(key, slots.pop(key)) for key in waiting]

@@ -35,14 +35,9 @@ COUNT_EVERY_NS = 100_000_000
 
 
 def subscriptions(arena: Arena) -> dict[str, int]:
-    """Keys one robot listens to, each with its rank: stop and heartbeat before all else.
-
-    Its own state is among them: hearing it means that another process uses this robot's id.
-    """
+    """Keys that wake the loop, each with its rank: stop and heartbeat before all else."""
     keys = Keys(arena.arena.name)
-    ordered = [keys.stop, keys.heartbeat, keys.mocap_frame, keys.targets]
-    ordered += [keys.state(other) for other in arena.robots]
-    return {key: rank for rank, key in enumerate(ordered)}
+    return {key: rank for rank, key in enumerate((keys.stop, keys.heartbeat, keys.mocap_frame, keys.targets))}
 
 
 class Runtime:
@@ -53,8 +48,9 @@ class Runtime:
         self._robot = robot
         self._agent = agent
         self._urgency = subscriptions(arena)
-        self._speakers = {self._keys.state(name): name for name in arena.robots}
-        self._inbox = Inbox(self._urgency, quiet=self._speakers)
+        self._inbox = Inbox(self._urgency)
+        self._speakers: dict[str, Any] = {}
+        """A robot's newest state, waiting at the door. Hearing our own means that another process uses this id."""
         self._wheels = Wheels(driver, agent)
         self._arena = arena
         self._publishers: dict[str, Any] = {}
@@ -96,13 +92,16 @@ class Runtime:
         self._inbox.wake()
 
     def _join(self, session: Any, zenoh: Any) -> None:
-        def store(sample: Any) -> None:
-            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
+        def store(key: str) -> Any:
+            # straight from the network thread: a Python thread a key in between costs a wake-up each message
+            return zenoh.handlers.Callback(lambda sample: put(key, sample.payload.to_bytes()), indirect=False)
 
+        put, remote = self._inbox.put, zenoh.Locality.REMOTE
         for key in self._urgency:
-            session.declare_subscriber(
-                key, zenoh.handlers.Callback(store, indirect=False), allowed_origin=zenoh.Locality.REMOTE
-            )
+            session.declare_subscriber(key, store(key), allowed_origin=remote)
+        for name in self._arena.robots:
+            newest = zenoh.handlers.RingChannel(1)
+            self._speakers[name] = session.declare_subscriber(self._keys.state(name), newest, allowed_origin=remote)
         for channel in ("state", "report", "steps", "feedback", "inputs", "log"):
             qos = network.QOS[channel]
             key = getattr(self._keys, channel)(self._robot)
@@ -128,8 +127,7 @@ class Runtime:
             now_ns = time.monotonic_ns()
             due = urgent = False
             if woken:
-                self._inbox.quieten()
-                due, urgent = self._receive(now_ns, quiet=False)
+                due, urgent = self._receive(now_ns)
             if due or urgent or now_ns - ran_ns >= TICK_NS:
                 drive = self._agent.step(now_ns) if due else self._agent.tick(now_ns)
                 ran_ns = now_ns
@@ -139,21 +137,30 @@ class Runtime:
                 housekeeping_ns = 0
                 self._keep_house(now_ns)
 
-    def _receive(self, now_ns: int, quiet: bool) -> tuple[bool, bool]:
-        """(a control step is due, a stop or an order arrived); neighbours' states are among the quiet keys."""
+    def _receive(self, now_ns: int) -> tuple[bool, bool]:
+        """(a control step is due, a stop or an order arrived)"""
         due = urgent = False
-        for key, payload in self._inbox.take(quiet):
-            if key in self._speakers and not self._agent.hears(self._speakers[key]):
-                continue
-            try:
-                message = read(self._keys, key, payload)
-            except WireError as error:
-                self._agent.refuse(f"refused_{error.kind}")
-                self._log("warning", f"refused_{error.kind}", f"{key}: {error}", now_ns)
-                continue
-            due = self._agent.receive(message, now_ns, payload) or due
+        for key, payload in self._inbox.take():
+            due = self._take(key, payload, now_ns) or due
             urgent = urgent or self._urgency[key] < 2
         return due, urgent
+
+    def _listen(self, now_ns: int) -> None:
+        """Neighbours within reach of the virtual radio."""
+        for name, speaker in self._speakers.items():
+            sample = speaker.try_recv()
+            if sample is not None and self._agent.hears(name):
+                self._take(self._keys.state(name), sample.payload.to_bytes(), now_ns)
+
+    def _take(self, key: str, payload: bytes, now_ns: int) -> bool:
+        """Whether a control step is due."""
+        try:
+            message = read(self._keys, key, payload)
+        except WireError as error:
+            self._agent.refuse(f"refused_{error.kind}")
+            self._log("warning", f"refused_{error.kind}", f"{key}: {error}", now_ns)
+            return False
+        return self._agent.receive(message, now_ns, payload)
 
     def _apply(self, drive: Drive, stepped: bool) -> None:
         speeds = WheelSpeeds(drive.left_radps, drive.right_radps)
@@ -162,7 +169,7 @@ class Runtime:
             self._agent.wrote(time.monotonic_ns())
 
     def _keep_house(self, now_ns: int) -> None:
-        self._receive(now_ns, quiet=True)
+        self._listen(now_ns)
         self._wheels.listen(time.monotonic_ns())
         self._wheels.ask(time.monotonic_ns())
         state = self._agent.run_state

@@ -30,22 +30,9 @@ def test_newest_payload_of_each_key_most_urgent_first(inbox: Inbox) -> None:
     for key, payload in (("state", b"1"), ("frame", b"1"), ("frame", b"2"), ("stop", b"1"), ("heartbeat", b"1")):
         inbox.put(key, payload)
     assert ready(inbox)
-    inbox.quieten()
     assert inbox.take() == [("stop", b"1"), ("heartbeat", b"1"), ("frame", b"2"), ("state", b"1")]
     assert not ready(inbox)
     assert inbox.take() == []
-
-
-def test_a_quiet_key_waits_for_the_next_waking() -> None:
-    inbox = Inbox({"frame": 0}, quiet=["state"])
-    inbox.put("state", b"1")
-    assert not ready(inbox)
-    assert inbox.take() == [("state", b"1")]
-    inbox.put("state", b"2")
-    inbox.put("frame", b"1")
-    assert ready(inbox)
-    assert inbox.take() == [("frame", b"1"), ("state", b"2")]
-    inbox.close()
 
 
 def test_waking_brings_nothing(inbox: Inbox) -> None:
@@ -74,16 +61,3 @@ def test_anything_else_is_refused_by_name(key: str, payload: bytes, words: str) 
     with pytest.raises(WireError) as caught:
         read(KEYS, key, payload)
     assert str(caught.value).startswith(words)
-
-
-def test_quiet_keys_can_be_left_for_later() -> None:
-    inbox = Inbox({"frame": 0, "state": 1}, quiet=["state"])
-    inbox.put("state", b"1")
-    inbox.put("frame", b"1")
-    assert inbox.take(quiet=False) == [("frame", b"1")]
-    assert inbox.take(quiet=False) == []
-    inbox.put("frame", b"2")
-    assert inbox.take(quiet=True) == [("state", b"1")]
-    assert ready(inbox)
-    assert inbox.take() == [("frame", b"2")]
-    inbox.close()
