@@ -27,6 +27,7 @@ from contract.messages import (
     StopRequest,
     TargetCloud,
 )
+from groundstation.activity import activity
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -40,7 +41,7 @@ class Doing(NamedTuple):
 
     since_ns: int
     task: str
-    waits: str
+    activity: str
     claim: int
 
 
@@ -174,10 +175,13 @@ class History:
         on = frozenset(i for i, state in known if state == "on")
         if not track.links or track.links[-1][1:] != (enforced, on):
             track.links.append(Links(step.exposure_ns, enforced, on))
-        if not track.doing or track.doing[-1][1:] != (step.task, step.waits, step.claim):
-            track.doing.append(Doing(step.step_ns, step.task, step.waits, step.claim))
+        word = activity(step)
+        if not track.doing or track.doing[-1][1:] != (step.task, word, step.claim):
+            track.doing.append(Doing(step.step_ns, step.task, word, step.claim))
 
     def _state(self, state: NeighbourState) -> None:
+        if self.cloud is not None and state.mission not in ("", self.cloud.mission):
+            return
         try:
             bits = int(state.occupied or "0", 16)
         except ValueError:

@@ -8,7 +8,7 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal
 
 import msgspec
 
@@ -18,15 +18,21 @@ from contract.keys import Keys
 from contract.messages import (
     SCHEMA_VERSION,
     Message,
+    MotorBatch,
     NeighbourState,
     Order,
     RobotStep,
+    RunStatus,
     StationHeartbeat,
     StepBatch,
     Target,
     TargetCloud,
 )
+from contract.units import metres, radians
+from groundstation.activity import activity
+from groundstation.conditions import FIELD, IDEAL, Conditions
 from groundstation.hops import Hops, Plant, ShortCut
+from groundstation.referee import Referee
 from groundstation.targets import Scenario, lower_bound_s
 from groundstation.wire import Wire
 from onboard.agent import Agent
@@ -34,47 +40,26 @@ from onboard.ahdc.stopping import Brake
 from onboard.journal import JournalledAgent
 from onboard.odometry import Pose
 
+__all__ = ["FIELD", "IDEAL", "Conditions", "Result", "World"]
 SUBSTEP_NS = 2_000_000
 """Motion is integrated and the network and distances are checked this often."""
 HEARTBEAT_NS = 50_000_000
 TICK_NS = 18_000_000
 """A robot's loop runs this long after its last turn although nothing has arrived."""
-COLLISION_SHARE = 1.0
-"""Of the platform's diameter."""
+MISSION = "simulate"
 ARM_NS = 200_000_000
 RUN_NS = 400_000_000
-WAITS = ("", "link", "separation", "fence", "brake", "hold", "help", "free", "indicator", "start", "joining")
+LAST_WORDS_NS = 1_000_000_000
+"""What is still unsaid this long after the end stays so."""
+TRUTH_NS = 20_000_000
+"""How often a tap hears where the bodies really are."""
 
 
-class Conditions(NamedTuple):
-    """What the world does to robots. Intervals are (low, high), drawn per robot or per message."""
-
-    pose_age_s: tuple[float, float] = (0.0, 0.0)
-    """Exposure to arrival at the agent, of frames and of neighbours' messages."""
-    position_noise_m: float = 0.0
-    heading_noise_rad: float = 0.0
-    loss: float = 0.0
-    """Share of neighbour messages lost."""
-    lag_s: tuple[float, float] = (0.0, 0.0)
-    deceleration_mps2: tuple[float, float] = (1e6, 1e6)
-    """Of the wheel rims, acceleration alike."""
-    synchronous: bool = True
-    """All loops run in phase."""
+Phase = Literal["ready", "armed", "running", "completed", "failed"]
+Ending = Literal["completed", "time up", "no scenario", "error"]
 
 
-IDEAL = Conditions()
-FIELD = Conditions(
-    pose_age_s=(0.020, 0.080),
-    position_noise_m=0.0025,
-    heading_noise_rad=0.015,
-    loss=0.10,
-    lag_s=(0.060, 0.150),
-    deceleration_mps2=(1.6, 2.4),
-    synchronous=False,
-)
-
-
-class Result(msgspec.Struct):
+class Result(msgspec.Struct, kw_only=True):
     """What became of one run."""
 
     seed: int
@@ -89,9 +74,11 @@ class Result(msgspec.Struct):
     lower_bound_s: float
     ratio_to_lower_bound: float | None
     run_steps: int
+    ending: Ending
     why: str = ""
-    waits_s: dict[str, float] = {}
-    """Robot-seconds by what bounded the motion."""
+    """What every robot was about when the mission failed."""
+    time_s: dict[str, float] = {}
+    """Robot-seconds by activity (:data:`groundstation.activity.ACTIVITIES`)."""
 
 
 @dataclass
@@ -107,9 +94,6 @@ class World:
     wired: bool = False
     """Over real bytes."""
     agents: dict[str, Agent] = field(default_factory=dict)
-    disconnected_steps: int = 0
-    collisions: int = 0
-    min_distance_m: float = math.inf
     tap: Callable[[str, bytes, int], None] | None = None
     """Hears key, payload and time of whatever is published, as a recorder would."""
 
@@ -121,15 +105,23 @@ class World:
         self._frame = 0
         self._running = False
         self._start_ns = 0
-        self._colliding: set[tuple[str, str]] = set()
-        self._tree: list[tuple[str, str]] = []
-        self._waits: dict[str, int] = {}
+        self._time_ns: dict[str, int] = {}
+        self._doing: dict[str, tuple[str, int]] = {}
         self._order_seq = 0
-        self._radius = self.arena.control.sensing_radius_m
-        self._diameter = self.arena.platform.diameter_m * COLLISION_SHARE
+        self.referee = Referee(self.arena.control.sensing_radius_m, self.arena.platform.diameter_m)
         self._keys = Keys(self.arena.arena.name)
+        self._handlers: dict[str, Callable[[str, Any], None]] = {
+            "frame": self._on_frame,
+            "arrival": self._on_arrival,
+            "message": self._on_message,
+            "tick": self._on_tick,
+            "heartbeat": self._on_heartbeat,
+            "check": self._on_check,
+        }
+        self._told_occupied = 0
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
+        self._hung: set[str] = set()
         rng, conditions = self._rng, self.conditions
         plants = {}
         for name, start in zip(self.arena.robots, self.scenario.starts, strict=True):
@@ -145,7 +137,7 @@ class World:
         )
         self.now_ns = self._begin_ns = self.hops.begin_ns
         cloud = TargetCloud(
-            mission="simulate",
+            mission=MISSION,
             seed=self.seed,
             start_direction_rad=round(self.scenario.start_direction_rad, 5),
             targets=tuple(Target(index=k, x_m=x, y_m=y) for k, (x, y) in enumerate(self.scenario.targets)),
@@ -159,7 +151,7 @@ class World:
 
     def run(self) -> Result:
         """Play until every target is occupied or the time is up."""
-        return self._result(self.until(self.limit_s))
+        return self.result(self.until(self.limit_s))
 
     def until(self, mission_s: float) -> bool:
         """Play to that time after the start, which may be negative; True once every target is occupied.
@@ -167,24 +159,21 @@ class World:
         What arrives while a robot waits for its motors reaches it afterwards, but for frames: newer ones follow.
         """
         limit_ns = self._begin_ns + RUN_NS + int(mission_s * 1e9)
-        handlers: dict[str, Callable[[str, Any], None]] = {
-            "frame": self._on_frame,
-            "arrival": self._on_arrival,
-            "message": self._on_message,
-            "tick": self._on_tick,
-            "heartbeat": self._on_heartbeat,
-            "check": self._on_check,
-        }
         done = False
         while not done and self.now_ns < limit_ns:
-            self.now_ns, _, kind, name, what = heapq.heappop(self._queue)
-            if name and (free_ns := self.hops.free_ns(name)) > self.now_ns:
-                if kind != "arrival":
-                    self._at(free_ns, kind, name, what)
-                continue
-            handlers[kind](name, what)
-            done = self._running and kind == "arrival" and self._occupied() == len(self.scenario.targets)
+            arrived = self._turn()
+            done = arrived and self._running and self._occupied() == len(self.scenario.targets)
         return done
+
+    def _turn(self) -> bool:
+        """Let the next thing happen; True where it was a frame's arrival."""
+        self.now_ns, _, kind, name, what = heapq.heappop(self._queue)
+        if name and (free_ns := self.hops.free_ns(name)) > self.now_ns:
+            if kind != "arrival":
+                self._at(free_ns, kind, name, what)
+            return False
+        self._handlers[kind](name, what)
+        return kind == "arrival"
 
     def _at(self, when_ns: int, kind: str, name: str, what: Any) -> None:
         self._count += 1
@@ -210,6 +199,34 @@ class World:
         if self.tap is not None:
             self.tap(key, parcel if isinstance(parcel, bytes) else encode(parcel), self.now_ns)
 
+    def _tell_status(self, phase: Phase, detail: str = "") -> None:
+        """The mission as the station sees it, for whoever reads the recording."""
+        elapsed_s = (self.now_ns - self._start_ns) * 1e-9 if self._running else 0.0
+        status = RunStatus(
+            stamp_ns=self.now_ns,
+            mission=MISSION,
+            phase=phase,
+            detail=detail,
+            elapsed_s=round(elapsed_s, 6),
+            targets=len(self.scenario.targets),
+            min_distance_m=metres(min(self.referee.min_distance_m, 1000.0)),
+        )
+        self._tell(self._keys.status, status)
+
+    def _tell_truth(self) -> None:
+        for name in self.agents:
+            x, y, heading = self.hops.pose(name)
+            truth = MotorBatch(
+                robot=name,
+                samples=(),
+                true_ns=self.now_ns,
+                true_x_m=metres(x),
+                true_y_m=metres(y),
+                true_heading_rad=radians(math.remainder(heading, math.tau)),
+                true_speed_mps=0.0,
+            )
+            self._tell(self._keys.motor(name), truth)
+
     def _on_frame(self, _: str, __: Any) -> None:
         conditions, rng = self.conditions, self._rng
         self.hops.advance(self.now_ns)
@@ -225,7 +242,9 @@ class World:
         if frame is not None:
             self._tell(self._keys.mocap_frame, frame)
             for name in self.agents:
-                self._at(self.now_ns + self.hops.way_ns + self._age_ns(name), "arrival", name, frame)
+                age_ns = self._age_ns(name)
+                if conditions.frame_loss == 0.0 or rng.random() >= conditions.frame_loss:
+                    self._at(self.now_ns + self.hops.way_ns + age_ns, "arrival", name, frame)
         self._frame += 1
         due_ns = self._begin_ns + round(self._frame * 1e9 / self.arena.mocap.frame_rate_hz)
         self._at(due_ns, "frame", "", None)
@@ -248,11 +267,17 @@ class World:
             for key, message in agent.outbox(now_ns):
                 self._send(name, key, message)
 
+    def hang(self, name: str, on: bool = True) -> None:
+        """Freeze a robot's process, or let it go on; what reaches it meanwhile is lost."""
+        self.hops.advance(self.now_ns)
+        self.hops.hang(name, on)
+        (self._hung.add if on else self._hung.discard)(name)
+
     def _on_tick(self, name: str, _: Any) -> None:
-        if self.now_ns - self._ran_ns[name] >= TICK_NS:
+        if name not in self._hung and self.now_ns - self._ran_ns[name] >= TICK_NS:
             self._ran_ns[name] = self.now_ns
             self.hops.drive(name, self.agents[name].tick(self.now_ns), self.now_ns)
-        self._at(self._ran_ns[name] + TICK_NS, "tick", name, None)
+        self._at(max(self._ran_ns[name], self.now_ns - TICK_NS + SUBSTEP_NS) + TICK_NS, "tick", name, None)
 
     def _on_message(self, name: str, what: tuple[str, Any]) -> None:
         self.hops.deliver(name, *what, self.now_ns)
@@ -261,7 +286,8 @@ class World:
         parcel = self.hops.pack(key, message) if self.tap is not None or isinstance(message, NeighbourState) else None
         self._tell(key, parcel)
         if isinstance(message, NeighbourState):
-            low, high = self.conditions.pose_age_s
+            self._told_occupied |= int(message.occupied or "0", 16)
+            low, high = self.conditions.message_age_s
             for name in self.agents:
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):
                     delay_ns = int(self._rng.uniform(low, high) * 1e9) if high > 0 else 0
@@ -272,7 +298,13 @@ class World:
 
     def _note(self, step: RobotStep) -> None:
         if self._running:
-            self._waits[step.waits] = self._waits.get(step.waits, 0) + 1
+            self._spend(step.robot, step.step_ns)
+            self._doing[step.robot] = (activity(step), max(step.step_ns, self._start_ns))
+
+    def _spend(self, robot: str, until_ns: int) -> None:
+        """Book the time since the robot's last step under what it was about."""
+        word, since_ns = self._doing.get(robot, ("hold", self._start_ns))
+        self._time_ns[word] = self._time_ns.get(word, 0) + max(0, until_ns - since_ns)
 
     def _on_heartbeat(self, _: str, __: Any) -> None:
         self._order_seq += 1
@@ -291,54 +323,34 @@ class World:
             stamp_ns=self.now_ns,
             order=order,
             order_id=order_id,
-            mission="simulate",
+            mission=MISSION,
             arena_hash=self._digest,
         )
         self._publish(self._keys.heartbeat, heartbeat)
+        if self.tap is not None:
+            self._tell_status("running" if self._running else "armed" if order == "arm" else "ready")
         self._at(self.now_ns + HEARTBEAT_NS, "heartbeat", "", None)
 
     def _on_check(self, _: str, __: Any) -> None:
         self.hops.advance(self.now_ns)
-        places = {name: self.hops.pose(name)[:2] for name in self.agents}
-        names = list(places)
-        for i, first in enumerate(names):
-            x, y = places[first]
-            for second in names[i + 1 :]:
-                other = places[second]
-                dx, dy = other[0] - x, other[1] - y
-                if dx * dx + dy * dy < 0.25:
-                    distance = math.sqrt(dx * dx + dy * dy)
-                    self.min_distance_m = min(self.min_distance_m, distance)
-                    pair = (first, second)
-                    if distance < self._diameter:
-                        if pair not in self._colliding:
-                            self._colliding.add(pair)
-                            self.collisions += 1
-                    else:
-                        self._colliding.discard(pair)
-        if not self._connected(places):
-            self.disconnected_steps += 1
+        self.referee.look({name: self.hops.pose(name)[:2] for name in self.agents})
+        if self.tap is not None and (self.now_ns - self._begin_ns) % TRUTH_NS == 0:
+            self._tell_truth()
         self._at(self.now_ns + SUBSTEP_NS, "check", "", None)
 
-    def _connected(self, places: dict[str, tuple[float, float]]) -> bool:
-        if len(self._tree) == len(places) - 1 and all(
-            math.dist(places[a], places[b]) <= self._radius for a, b in self._tree
-        ):
-            return True
-        names = list(places)
-        inside, frontier, tree = {names[0]}, [names[0]], []
-        while frontier:
-            first = frontier.pop()
-            for second in names:
-                if second not in inside and math.dist(places[first], places[second]) <= self._radius:
-                    inside.add(second)
-                    frontier.append(second)
-                    tree.append((first, second))
-        self._tree = tree
-        return len(inside) == len(names)
+    def result(self, completed: bool) -> Result:
+        """What became of it, at this moment. A tap also hears the end, once all that was reached has been told."""
+        found = self._result(completed)
+        if self.tap is not None and self._running:
+            late_ns = self.now_ns + LAST_WORDS_NS
+            whole = (1 << len(self.scenario.targets)) - 1
+            while completed and self._told_occupied != whole and self.now_ns < late_ns:
+                self._turn()
+            self._tell_status("completed" if completed else "failed", "" if completed else "time up")
+        return found
 
     def _result(self, completed: bool) -> Result:
-        control = self.arena.control
+        control, referee = self.arena.control, self.referee
         mission_s = (self.now_ns - self._start_ns) * 1e-9
         bound_s = lower_bound_s(
             self.scenario.starts,
@@ -348,6 +360,8 @@ class World:
             control.reach_m,
         )
         period_s = next(iter(self.agents.values())).pacing.period_s
+        for name in self._doing:
+            self._spend(name, self.now_ns)
         return Result(
             seed=self.seed,
             robots=len(self.agents),
@@ -355,14 +369,15 @@ class World:
             completed=completed,
             occupied=self._occupied(),
             mission_s=round(mission_s, 4),
-            disconnected_steps=self.disconnected_steps,
-            collisions=self.collisions,
-            min_distance_m=round(self.min_distance_m, 5) if math.isfinite(self.min_distance_m) else 0.0,
+            disconnected_steps=referee.disconnected,
+            collisions=referee.collisions,
+            min_distance_m=round(referee.min_distance_m, 5) if math.isfinite(referee.min_distance_m) else 0.0,
             lower_bound_s=round(bound_s, 4),
             ratio_to_lower_bound=round(mission_s / bound_s, 4) if completed and bound_s > 0 else None,
             run_steps=round(mission_s / period_s),
+            ending="completed" if completed else "time up",
             why="" if completed else self._why(),
-            waits_s={name: round(count * period_s, 3) for name, count in sorted(self._waits.items())},
+            time_s={word: round(spent_ns * 1e-9, 3) for word, spent_ns in sorted(self._time_ns.items()) if spent_ns},
         )
 
     def _why(self) -> str:

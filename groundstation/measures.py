@@ -181,8 +181,7 @@ def seconds(track: RobotTrack, mission: Mission) -> dict[str, float]:
         start_ns = max(doing.since_ns, mission.start_ns)
         end_ns = min(following.since_ns if following else mission.end_ns, mission.end_ns)
         if end_ns > start_ns:
-            name = doing.waits or "travel"
-            totals[name] = totals.get(name, 0.0) + (end_ns - start_ns) / 1e9
+            totals[doing.activity] = totals.get(doing.activity, 0.0) + (end_ns - start_ns) / 1e9
     return {name: round(total, 3) for name, total in sorted(totals.items())}
 
 

@@ -52,7 +52,7 @@ class RobotMetrics(msgspec.Struct, frozen=True, kw_only=True):
     nearest_m: float | None
     """Least distance to another robot."""
     seconds: dict[str, float]
-    """Where the time went: by what bounded the motion (RobotStep.waits; ``travel`` for nothing)."""
+    """Where the time went, by activity (:data:`groundstation.activity.ACTIVITIES`)."""
     invalid_frames: int
     faults: tuple[str, ...]
     """Reasons of every fault and stop state it reported, in order."""

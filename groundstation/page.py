@@ -4,6 +4,7 @@ import base64
 from html import escape
 from pathlib import Path
 
+from groundstation.activity import ACTIVITIES
 from groundstation.measures import Spread
 from groundstation.metrics import Metrics
 from groundstation.runfolder import Run, sha256
@@ -74,7 +75,7 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
     subtitle = (
         f"{len(arena.robots)} robots, arena {arena.arena.name}, {width:g} m by {height:g} m, profile "
         f"{metrics.profile}, seed {metrics.seed}. {about.get('started', '')[:16].replace('T', ' ')}. "
-        f"{'Mock arena' if emulated else 'Real wheels'}."
+        f"{about.get('place') or ('Mock arena' if emulated else 'Real wheels')}."
     )
     ratio = "-" if metrics.ratio_to_lower_bound is None else f"{metrics.ratio_to_lower_bound:.2f}"
     five = [
@@ -104,6 +105,7 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
         _table(("robot", "targets", "path, m", "nearest, m", "frames unseen", "faults"), _robots(metrics)),
         "<h2>Where the time went</h2>",
         _table(*_time(metrics)),
+        _words(metrics),
         _faults(run),
         f'<p class="note">Frames not received: {metrics.frames_dropped} of {metrics.frames + metrics.frames_dropped}. '
         f"Messages that were not what their key carries: {metrics.undecodable}. "
@@ -163,9 +165,24 @@ def _robots(metrics: Metrics) -> list[tuple[object, ...]]:
 
 
 def _time(metrics: Metrics) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
-    kinds = sorted({kind for robot in metrics.robots.values() for kind in robot.seconds})
-    rows = [(label(name), *(robot.seconds.get(kind, 0.0) for kind in kinds)) for name, robot in metrics.robots.items()]
-    return (("seconds", *kinds), rows)
+    kinds = _kinds(metrics)
+    rows: list[tuple[object, ...]] = [
+        (label(name), *(robot.seconds.get(kind, 0.0) for kind in kinds)) for name, robot in metrics.robots.items()
+    ]
+    totals = [sum(robot.seconds.get(kind, 0.0) for robot in metrics.robots.values()) for kind in kinds]
+    whole = sum(totals) or 1.0
+    return (("seconds", *kinds), [*rows, ("share, %", *(100 * total / whole for total in totals))])
+
+
+def _kinds(metrics: Metrics) -> list[str]:
+    seen = {kind for robot in metrics.robots.values() for kind in robot.seconds}
+    return [*(kind for kind in ACTIVITIES if kind in seen), *sorted(seen - set(ACTIVITIES))]
+
+
+def _words(metrics: Metrics) -> str:
+    """What the words of the table above mean."""
+    words = [f"{kind}: {ACTIVITIES[kind]}" for kind in _kinds(metrics) if kind in ACTIVITIES]
+    return f'<p class="note">{escape("; ".join(words))}.</p>' if words else ""
 
 
 def _faults(run: Run) -> str:

@@ -10,12 +10,13 @@ from contract.codec import decode, encode
 from contract.keys import Keys
 from contract.messages import BodyPose, FeedbackBatch, InputBatch, Message, MocapFrame, NeighbourState
 from groundstation import cli
-from groundstation.lockstep import FIELD, World
+from groundstation.conditions import FIELD
+from groundstation.lockstep import World
 from groundstation.recording import CONFIG
 from groundstation.replaying import Archive, Outcome, replay, replay_all
 from groundstation.rig import write_config
 from groundstation.runwriter import RunWriter, Sink
-from groundstation.simulate import Job, arena_for
+from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 
 ROBOT = "r02"

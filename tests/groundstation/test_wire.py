@@ -7,8 +7,9 @@ import msgspec
 import pytest
 
 from drivers.mock.faults import FaultSettings
-from groundstation.lockstep import FIELD, World
-from groundstation.simulate import Job, arena_for
+from groundstation.conditions import FIELD
+from groundstation.lockstep import World
+from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 from groundstation.wire import Wire, sound
 
@@ -94,7 +95,7 @@ def test_lasting_damage_is_counted_and_stops_who_depends_on_it(hop: str) -> None
     world.until(1.7 + STOPPED_S)
     assert max(math.dist(world.hops.pose(name), rest[name]) for name in hit) < 1e-4
     if hop not in world.agents:
-        assert (world.disconnected_steps, world.collisions) == (0, 0)
+        assert (world.referee.disconnected, world.referee.collisions) == (0, 0)
 
 
 @pytest.mark.parametrize("hop", ["udp", "message", ODRIVE, ROBOCLAW])

@@ -58,6 +58,7 @@ SHELLS = (
     "groundstation/rig.py",
     "groundstation/runwriter.py",
     "groundstation/simulate.py",
+    "groundstation/sweep.py",
     "groundstation/watch.py",
 )
 

@@ -1,0 +1,61 @@
+"""Judges a lockstep mission from true positions: is the network whole, do robots touch. Pure."""
+
+import math
+from collections.abc import Mapping
+
+NEAR_M = 0.5
+"""Distances above this are not looked at."""
+
+
+class Referee:
+    """Counts what must not happen, fed with all true positions as often as it should look."""
+
+    def __init__(self, radius_m: float, diameter_m: float) -> None:
+        self.disconnected = 0
+        """Looks at which the disk graph of radius r_c was in pieces."""
+        self.collisions = 0
+        """Times a pair came closer than a diameter."""
+        self.min_distance_m = math.inf
+        self._radius_m = radius_m
+        self._diameter_m = diameter_m
+        self._touching: set[tuple[str, str]] = set()
+        self._tree: list[tuple[str, str]] = []
+
+    def look(self, places: Mapping[str, tuple[float, float]]) -> None:
+        """Judge one moment."""
+        names = list(places)
+        for i, first in enumerate(names):
+            x, y = places[first]
+            for second in names[i + 1 :]:
+                other = places[second]
+                dx, dy = other[0] - x, other[1] - y
+                if dx * dx + dy * dy < NEAR_M * NEAR_M:
+                    self._pair((first, second), math.sqrt(dx * dx + dy * dy))
+        if not self._connected(places):
+            self.disconnected += 1
+
+    def _pair(self, pair: tuple[str, str], distance_m: float) -> None:
+        self.min_distance_m = min(self.min_distance_m, distance_m)
+        if distance_m >= self._diameter_m:
+            self._touching.discard(pair)
+        elif pair not in self._touching:
+            self._touching.add(pair)
+            self.collisions += 1
+
+    def _connected(self, places: Mapping[str, tuple[float, float]]) -> bool:
+        """Whether the tree that joined them last still does, or another."""
+        if len(self._tree) == len(places) - 1 and all(
+            math.dist(places[a], places[b]) <= self._radius_m for a, b in self._tree
+        ):
+            return True
+        names = list(places)
+        inside, frontier, tree = {names[0]}, [names[0]], []
+        while frontier:
+            first = frontier.pop()
+            for second in names:
+                if second not in inside and math.dist(places[first], places[second]) <= self._radius_m:
+                    inside.add(second)
+                    frontier.append(second)
+                    tree.append((first, second))
+        self._tree = tree
+        return len(inside) == len(names)
