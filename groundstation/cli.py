@@ -34,6 +34,8 @@ VERBS: dict[str, Verb] = {
     "hold": Verb("groundstation.orders", "pause: robots hold their place under control", "Run"),
     "stop": Verb("groundstation.orders", "STOP every robot now; latches until released", "Run"),
     "release": Verb("groundstation.orders", "release a STOP; never resumes motion", "Run"),
+    "repeat": Verb("groundstation.errands", "make the same targets a new mission, all of them open", "Run"),
+    "home": Verb("groundstation.errands", "drive every robot to its start pose, then disarm", "Run"),
     "status": Verb("groundstation.orders", "show what every robot does, once", "Run"),
     "watch": Verb("groundstation.watch", "show progress and every robot, live", "Run"),
     "page": Verb("groundstation.page_server", "the arena page: see, seed, arm, start and STOP in a browser", "Run"),

@@ -34,6 +34,7 @@ class Conductor:
         self._link = link
         self.listener: Callable[[Message, float], None] | None = None
         """Also told every message, with the monotonic time in seconds."""
+        self._told = cloud
         self._due = {"heartbeat": 0, "targets": 0, "status": 0}
         keys = link.keys
         link.subscribe([keys.mocap_frame, keys.stop, keys.order, keys.seed])
@@ -49,6 +50,8 @@ class Conductor:
         if self._take("heartbeat", HEARTBEAT_NS, now_ns):
             self.session.advance(now_ns)
             self._link.publish(self._link.keys.heartbeat, self.session.heartbeat(now_ns), "heartbeat")
+        if self.session.cloud is not self._told:
+            self._told, self._due["targets"] = self.session.cloud, now_ns
         if self._take("targets", CLOUD_NS, now_ns):
             self._link.publish(self._link.keys.targets, self.session.cloud, "targets")
         if self._take("status", STATUS_NS, now_ns):

@@ -46,6 +46,8 @@ class Child:
         self.name = name
         self.log = log
         self.ready = False
+        self.ends = 0
+        """Processes with a higher number end later."""
         self._text = b""
         parent = os.getpid()
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
@@ -114,8 +116,10 @@ class Family:
     def __exit__(self, *exception: object) -> None:
         self.end()
 
-    def start(self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0) -> Child:
+    def start(self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0, ends: int = 0) -> Child:
+        """One more process; ``ends``: those with a higher number end after all with a lower one."""
         child = Child(name, module, arguments, log, niceness)
+        child.ends = ends
         self.children.append(child)
         return child
 
@@ -153,12 +157,13 @@ class Family:
                 raise ChildError(f"{child.name} ended with code {child.code}\n{child.last_words()}")
 
     def end(self) -> dict[str, int | None]:
-        """SIGTERM to all but the first, then to the first (it holds the router); what is left is killed.
+        """SIGTERM to one group after the other, in the order of ``ends``; what is left of a group is killed.
 
         Returns the exit code of every child, by name.
         """
         codes: dict[str, int | None] = {}
-        for group in (self.children[1:], self.children[:1]):
+        for number in sorted({child.ends for child in self.children}):
+            group = [child for child in self.children if child.ends == number]
             for child in group:
                 child.signal(signal.SIGTERM)
             deadline = time.monotonic() + TERM_WAIT_S

@@ -3,9 +3,11 @@
 A client session of its own with a deep queue; the main thread writes, and once a second closes the
 chunk and has the disk confirm it. SIGTERM finishes the file. A full disk is told beforehand and
 survived: what was written stays, what could not be written waits in memory and is counted when lost.
+One folder a run: when the targets of another mission come after a run, a new folder begins.
 """
 
 import argparse
+import itertools
 import os
 import shutil
 import signal
@@ -18,8 +20,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from contract.arena import Arena, digest, load
+from contract.codec import WireError, decode
 from contract.keys import Keys
-from contract.messages import LogEntry
+from contract.messages import LogEntry, TargetCloud
 from groundstation.link import Link, LinkError
 from groundstation.provenance import files, software
 from groundstation.recording import CONFIG
@@ -59,6 +62,62 @@ class Intake(Link):
     def take(self) -> list[tuple[str, bytes, int]]:
         """Key, payload and time of arrival of what has come since."""
         return [self._arrived.popleft() for _ in range(len(self._arrived))]
+
+
+class Reel:
+    """The recording in progress: a mission that is repeated gets a run folder of its own, ``DIR-2``, ``DIR-3``."""
+
+    def __init__(self, out: Path, arena: Arena, config: bytes) -> None:
+        self.tape = Tape(out / NAME, arena, config)
+        self.finished: list[Tape] = []
+        self._out = out
+        self._config = config
+        self._keys = Keys(arena.arena.name)
+        self._cloud = b""
+        self._mission: str | None = None
+        self._ran = False
+
+    def write(self, messages: list[tuple[str, bytes, int]], dropped: int) -> None:
+        """Write what has come, the first targets of another mission into a new folder."""
+        begin = 0
+        for number, (key, payload, _) in enumerate(messages):
+            if key == self._keys.status:
+                self._ran = self._ran or b'"phase":"running"' in payload
+            elif key == self._keys.targets and payload != self._cloud:
+                self._cloud = payload
+                mission = _mission_of(payload)
+                if self._ran and mission not in (None, self._mission):
+                    self.tape.write(messages[begin:number])
+                    begin = number
+                    self._roll(dropped)
+                self._mission = mission or self._mission
+        self.tape.write(messages[begin:])
+
+    def _roll(self, dropped: int) -> None:
+        try:
+            folder = next_folder(self._out)
+            folder.mkdir(parents=True)
+            (folder / CONFIG).write_bytes(self._config)
+            tape = Tape(folder / NAME, self.tape.arena, self._config)
+        except OSError as error:
+            print(f"next run not in a folder of its own: {error}", file=sys.stderr, flush=True)
+            return
+        self.tape.close(dropped)
+        self.finished.append(self.tape)
+        self.tape, self._ran = tape, False
+        print(f"recording to {folder}", flush=True)
+
+
+def next_folder(out: Path) -> Path:
+    """The first of ``OUT-2``, ``OUT-3``, ... that does not exist."""
+    return next(path for k in itertools.count(2) if not (path := out.with_name(f"{out.resolve().name}-{k}")).exists())
+
+
+def _mission_of(payload: bytes) -> str | None:
+    try:
+        return decode(TargetCloud, payload).mission
+    except WireError:
+        return None
 
 
 class Tape:
@@ -157,7 +216,7 @@ def set_aside(path: Path) -> None:
         path.rename(path.with_name(f"{path.stem}-until-{stamp:%Y%m%dT%H%M%S%f}{path.suffix}"))
 
 
-def record(tape: Tape, intake: Intake, going: Callable[[], bool]) -> None:
+def record(reel: Reel, intake: Intake, going: Callable[[], bool]) -> None:
     """Write until told to end, then what has still arrived."""
     intake.listen()
     print("READY recorder", flush=True)
@@ -165,7 +224,8 @@ def record(tape: Tape, intake: Intake, going: Callable[[], bool]) -> None:
     level = "info"
     while going():
         time.sleep(POLL_S)
-        tape.write(intake.take())
+        reel.write(intake.take(), intake.dropped)
+        tape = reel.tape
         now = time.monotonic()
         if now < commit_due:
             continue
@@ -178,13 +238,17 @@ def record(tape: Tape, intake: Intake, going: Callable[[], bool]) -> None:
         if health.level != level:
             print(health.text, file=sys.stderr, flush=True)
             level = health.level
-    tape.write(intake.take())
+    reel.write(intake.take(), intake.dropped)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help=f"run folder; the recording is DIR/{NAME}"
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help=f"run folder; the recording is DIR/{NAME}, that of a repeated mission DIR-2/{NAME}",
     )
 
 
@@ -196,20 +260,20 @@ def run(args: argparse.Namespace) -> int:
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         set_aside(args.out / NAME)
-        tape = Tape(args.out / NAME, arena, args.arena.read_bytes())
+        reel = Reel(args.out, arena, args.arena.read_bytes())
     except OSError as error:
         print(f"{args.out}: {error.strerror}", file=sys.stderr)
         return 1
     intake = Intake(arena)
     try:
         with intake:
-            record(tape, intake, lambda: bool(going))
+            record(reel, intake, lambda: bool(going))
     except LinkError as error:
         print(error, file=sys.stderr)
         return 1
     finally:
-        tape.close(intake.dropped)
-    if tape.trouble:
-        print(tape.trouble, file=sys.stderr)
-        return 1
-    return 0
+        reel.tape.close(intake.dropped)
+    troubles = [tape.trouble for tape in (*reel.finished, reel.tape) if tape.trouble]
+    for trouble in troubles:
+        print(trouble, file=sys.stderr)
+    return 1 if troubles else 0

@@ -25,6 +25,9 @@ MOST_ROBOTS = 100
 REALTIME_NICENESS = -10
 """Where the kernel allows it: on a busy machine a robot starved for 0.2 s is cut by its device watchdog."""
 
+ENDS = {"recorder": 1, "bridge": 2}
+"""The recorder hears the robots' last words; the bridge holds the router."""
+
 
 class Changes(NamedTuple):
     """What a command line changes in an arena file."""
@@ -176,4 +179,5 @@ class Rig:
         verb, rest = list(arguments[:1]), list(arguments[1:])
         command = [*verb, "--arena", str(self.config), *rest]
         niceness = 0 if name == "recorder" else REALTIME_NICENESS
-        return self.family.start(name, module, command, self.out / "logs" / f"{name}.log", niceness)
+        log = self.out / "logs" / f"{name}.log"
+        return self.family.start(name, module, command, log, niceness, ENDS.get(name, 0))

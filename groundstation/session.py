@@ -9,6 +9,7 @@ new id. Whatever ends a mission, the heartbeat goes on: it is what keeps a STOP 
 """
 
 import math
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 from msgspec.structs import replace
@@ -45,6 +46,16 @@ def next_mission(name: str) -> str:
     stem, dot, number = name.rpartition(".")
     again = bool(dot) and number.isdecimal() and number.isascii()
     return f"{(stem if again else name)[:56]}.{int(number) + 1 if again else 2}"
+
+
+def misplaced(arena: Arena, places: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Where each robot seen away from its start belongs, in words."""
+    words = []
+    for name, robot in arena.robots.items():
+        place = places.get(name)
+        if place is not None and (away_m := math.dist(place, robot.start)) > MISPLACED_M:
+            words.append(f"{name} belongs at x {robot.start[0]:.2f}, y {robot.start[1]:.2f}, {away_m:.2f} m away")
+    return words
 
 
 class Plan(NamedTuple):
@@ -213,12 +224,7 @@ class Session:
 
     def misplaced(self) -> list[str]:
         """Where each robot that motion capture sees away from its start belongs, in words."""
-        words = []
-        for name, robot in self._arena.robots.items():
-            place = self._places.get(name)
-            if place is not None and (away_m := math.dist(place, robot.start)) > MISPLACED_M:
-                words.append(f"{name} belongs at x {robot.start[0]:.2f}, y {robot.start[1]:.2f}, {away_m:.2f} m away")
-        return words
+        return misplaced(self._arena, self._places)
 
     def _prepare(self, now_ns: int) -> None:
         lacking = self.lacking(now_ns)

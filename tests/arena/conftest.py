@@ -23,12 +23,12 @@ PATIENCE_S = 40.0
 class Running:
     """An arena of processes, the station in this one, and everything the emulated motors saw."""
 
-    def __init__(self, out: Path, robots: int, targets: int, seed: int = 1) -> None:
+    def __init__(self, out: Path, robots: int, targets: int, seed: int = 1, record: bool = False) -> None:
         self.arena = rig.mock_arena(
             rig.find_arena("experiment2"), out, rig.Changes(robots=robots, targets=targets, seed=seed)
         )
         self.out = out
-        self.rig = rig.Rig(self.arena, out, record=False)
+        self.rig = rig.Rig(self.arena, out, record=record)
         self.motors: dict[str, MotorBatch] = {}
         self.samples: dict[str, list[MotorSample]] = {name: [] for name in self.arena.robots}
         self.feedback: dict[str, WheelFeedback] = {}

@@ -16,8 +16,8 @@ from contract import network
 from contract.arena import Arena, parse, table_of
 from contract.codec import encode
 from contract.keys import Keys
-from contract.messages import RunStatus
-from groundstation.recorder import COMMIT_S
+from contract.messages import RunStatus, TargetCloud
+from groundstation.recorder import COMMIT_S, Reel
 from groundstation.recording import Recording, RecordingError
 from groundstation.recover import recover
 from groundstation.rig import free_ports, write_config
@@ -140,3 +140,28 @@ def test_an_unwritable_folder_is_told(arena: Arena, tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "file" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_repeated_mission_gets_a_run_folder_of_its_own(tmp_path: Path) -> None:
+    arena = arena_of()
+    out = tmp_path / "lab"
+    (tmp_path / "lab-2").mkdir()
+    out.mkdir()
+    write_config(arena, tmp_path / "config.toml")
+    reel = Reel(out, arena, (tmp_path / "config.toml").read_bytes())
+    told = [(KEYS.targets, encode(TargetCloud(mission=name, targets=())), 1) for name in ("a", "b", "b", "c", "c")]
+    running = (KEYS.status, encode(RunStatus(stamp_ns=1, phase="running")), 1)
+    reel.write([told[0], told[1], running], 0)
+    assert reel.tape.path.parent == out, "targets may change before the start"
+    reel.write([told[2], running, told[3], told[4]], 0)
+    reel.tape.close(0)
+    assert [tape.path.parent.name for tape in (*reel.finished, reel.tape)] == ["lab", "lab-3"]
+
+    def missions(folder: str) -> list[str]:
+        recording = Recording(tmp_path / folder / "run.mcap")
+        assert recording.whole
+        return [m.message.mission for m in recording.messages() if isinstance(m.message, TargetCloud)]
+
+    assert missions("lab") == ["a", "b", "b"]
+    assert missions("lab-3") == ["c", "c"]
+    assert (tmp_path / "lab-3" / "config.toml").read_bytes() == (tmp_path / "config.toml").read_bytes()

@@ -1,6 +1,7 @@
 """What the rig makes of an arena file, and the small pure parts of the station's shells."""
 
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from drivers.registry import port_path, wheel_faults
 from groundstation import current
 from groundstation.mock_arena import flip_bit
 from groundstation.orders import Acknowledgement, describe, status_lines
+from groundstation.processes import Family
 from groundstation.rig import ARENAS, Changes, find_arena, free_ports, mock_arena, write_config
 from groundstation.targets import cloud_of
 from mocap_bridge.natnet.wire import Malformed, MessageId, open_packet, packet
@@ -115,3 +117,25 @@ def test_the_arena_of_the_last_session_is_remembered(tmp_path: Path, monkeypatch
     monkeypatch.setenv("XDG_STATE_HOME", "/proc/nowhere")
     current.remember(config)
     assert current.recall() is None
+
+
+def test_processes_end_group_by_group(tmp_path: Path) -> None:
+    log = tmp_path / "ended"
+    text = (
+        "import signal, sys, pathlib\n"
+        "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])\n"
+        "print('READY', flush=True)\n"
+        "signal.sigwait([signal.SIGTERM])\n"
+        f"pathlib.Path({str(log)!r}).open('a').write(sys.argv[1] + ' ')\n"
+    )
+    (tmp_path / "child_to_end.py").write_text(text)
+    family = Family()
+    paths = os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))
+    with pytest.MonkeyPatch.context() as patch, family:
+        patch.setenv("PYTHONPATH", paths)
+        for name, ends in (("bridge", 2), ("recorder", 1), ("r06", 0), ("r08", 0)):
+            family.start(name, "child_to_end", [name], tmp_path / f"{name}.log", ends=ends)
+        family.wait_ready(20.0)
+        assert family.end() == dict.fromkeys(("r06", "r08", "recorder", "bridge"), 0)
+    assert log.read_text().split()[2:] == ["recorder", "bridge"]
+    assert sorted(log.read_text().split()[:2]) == ["r06", "r08"]
