@@ -66,6 +66,18 @@ class DiffDrive(Protocol):
     """Two wheels, one controller (or one bus). All calls but configure and activate return at once."""
 
     @property
+    def device(self) -> str:
+        """What errors call it, such as ``ODrive of r06``."""
+
+    @property
+    def port_name(self) -> str:
+        """Device path or bus."""
+
+    @property
+    def dead_zone_radps(self) -> float:
+        """Commands slower than this do not turn the wheels."""
+
+    @property
     def counters(self) -> Mapping[str, int]:
         """Everything refused or lost so far, by name."""
 
@@ -97,6 +109,9 @@ class DiffDrive(Protocol):
 
         :raises LinkLost: the port is gone.
         """
+
+    def why_silent(self) -> str:
+        """Ask the port, without waiting, why nothing arrives; what it last answered, '' if it does not know."""
 
     def stop(self, now_ns: int) -> None:
         """Zero setpoint now. Never refused; nothing but ``activate`` lets the wheels turn again."""

@@ -48,6 +48,10 @@ class FamilyDrive(Generic[OptionsT, LineT]):
         return str(self.line.port.name)
 
     @property
+    def dead_zone_radps(self) -> float:
+        return 0.0
+
+    @property
     def counters(self) -> Mapping[str, int]:
         return self.line.total()
 
@@ -56,6 +60,9 @@ class FamilyDrive(Generic[OptionsT, LineT]):
 
     def poll(self, now_ns: int) -> None:
         """Nothing: telemetry is cyclic."""
+
+    def why_silent(self) -> str:
+        return ""
 
     def stop(self, now_ns: int) -> None:
         self.write(STANDSTILL, now_ns)

@@ -4,8 +4,9 @@ import contextlib
 from collections.abc import Mapping
 
 from contract.messages import WheelFeedback
-from drivers.base import STANDSTILL, DiffDrive, DriverError, Site, WheelSpeeds
+from drivers.base import STANDSTILL, ControllerFault, DiffDrive, DriverError, LinkLost, Site, WheelSpeeds
 from drivers.gate import Gate, GateLimits
+from drivers.health import Health
 
 
 def limits_of(site: Site) -> GateLimits:
@@ -24,9 +25,22 @@ class GatedDrive:
     both stops a robot whose control law went silent and feeds the device watchdog at standstill.
     """
 
-    def __init__(self, inner: DiffDrive, gate: Gate) -> None:
+    def __init__(self, inner: DiffDrive, gate: Gate, health: Health) -> None:
         self.inner = inner
         self.gate = gate
+        self.health = health
+
+    @property
+    def device(self) -> str:
+        return self.inner.device
+
+    @property
+    def port_name(self) -> str:
+        return self.inner.port_name
+
+    @property
+    def dead_zone_radps(self) -> float:
+        return self.inner.dead_zone_radps
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -39,26 +53,55 @@ class GatedDrive:
     def activate(self, now_ns: int) -> None:
         self.inner.activate(now_ns)
         self.gate.arm(now_ns)
+        self.health.start(now_ns)
 
     def write(self, speeds: WheelSpeeds, now_ns: int, stamp_ns: int | None = None) -> None:
         """:param stamp_ns: when the command was computed, if earlier than ``now_ns``."""
         left, right = self.gate.permit(*speeds, now_ns if stamp_ns is None else stamp_ns, now_ns)
+        self.health.command(left, right, now_ns)
         self.inner.write(WheelSpeeds(left, right), now_ns)
 
     def poll(self, now_ns: int) -> None:
         if self.gate.tick(now_ns) is not None:
+            self.health.command(*STANDSTILL, now_ns)
             self.inner.write(STANDSTILL, now_ns)
         self.inner.poll(now_ns)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
-        return self.inner.read(now_ns)
+        sample = self.inner.read(now_ns)
+        if sample is not None:
+            self.health.measured(sample, now_ns)
+        return sample
+
+    def why_silent(self) -> str:
+        return self.inner.why_silent()
+
+    def check(self, now_ns: int) -> None:
+        """Between commands and feedback: does the drive do what it is told?
+
+        :raises LinkLost: no telemetry although the motors are enabled.
+        :raises ControllerFault: a wheel that stands or turns the other way, or under-voltage.
+        """
+        why = self.inner.why_silent() if self.health.quiet(now_ns) else ""
+        complaint = self.health.complaint(now_ns)
+        if complaint is not None:
+            kind = LinkLost if complaint.silent else ControllerFault
+            fault = f"{complaint.fault}; {why}" if why else complaint.fault
+            raise kind(self.device, self.port_name, fault, complaint.remedy)
+
+    def reported(self, sample: WheelFeedback) -> ControllerFault:
+        """The faults a sample names, as an error of this device."""
+        remedy = "Remove the cause, then release (which clears errors) and arm again"
+        return ControllerFault(self.device, self.port_name, ", ".join(sample.faults), remedy)
 
     def stop(self, now_ns: int) -> None:
         self.gate.stop(now_ns)
+        self.health.command(*STANDSTILL, now_ns)
         self.inner.stop(now_ns)
 
     def deactivate(self, now_ns: int) -> None:
         self.gate.disarm(now_ns)
+        self.health.rest()
         self.inner.deactivate(now_ns)
 
     def clear_errors(self, now_ns: int) -> None:
@@ -70,6 +113,7 @@ class GatedDrive:
             with contextlib.suppress(DriverError):
                 self.inner.deactivate(0)
         self.gate.disarm(0)
+        self.health.rest()
         self.inner.close()
 
     def fileno(self) -> int | None:

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from contract.messages import WheelFeedback
-from drivers.base import DiffDrive, DriverError, LinkLost, WheelSpeeds
+from drivers.base import DriverError, LinkLost, WheelSpeeds
+from drivers.gated import GatedDrive
 
 REOPEN_NS = 250_000_000
 LOOK_NS = 50_000_000
@@ -50,13 +51,14 @@ class LineCheck:
 class Wheels:
     """One robot's driver. A driver that failed is opened again only while its robot is disarmed."""
 
-    def __init__(self, driver: DiffDrive, listener: Listener) -> None:
+    def __init__(self, driver: GatedDrive, listener: Listener) -> None:
         self.driver = driver
         self.ready = False
         self.active = False
         self._listener = listener
         self._line = LineCheck()
         self._retry_ns = 0
+        self._reported: tuple[str, ...] = ()
 
     def open(self, now_ns: int, again: bool = False) -> bool:
         """Configure, at intervals; a fault is told to the listener, success clears it.
@@ -76,6 +78,7 @@ class Wheels:
             self._listener.driver_fault(str(error), error.remedy, now_ns)
             return False
         self.ready = True
+        self._reported = ()
         self._listener.driver_fault("", "", now_ns)
         return True
 
@@ -108,23 +111,37 @@ class Wheels:
                 self._fail(error, now_ns)
 
     def listen(self, now_ns: int) -> None:
-        """Hand the newest sample to the listener."""
+        """Hand the newest sample to the listener, faults it names before it."""
         if not self.ready:
             return
         try:
             sample = self.driver.read(now_ns)
-            if self.active and self._line.due(now_ns):
-                self._check_line(now_ns)
+            if self.active:
+                self.driver.check(now_ns)
+                if self._line.due(now_ns):
+                    self._check_line(now_ns)
         except DriverError as error:
             self._fail(error, now_ns)
             return
         if sample is not None:
+            self._name_faults(sample, now_ns)
             self._listener.feedback(sample, now_ns)
+
+    def _name_faults(self, sample: WheelFeedback, now_ns: int) -> None:
+        if sample.faults and sample.faults != self._reported:
+            error = self.driver.reported(sample)
+            self._listener.driver_fault(str(error), error.remedy, now_ns)
+        self._reported = sample.faults
 
     def _check_line(self, now_ns: int) -> None:
         """:raises LinkLost: the line damages bytes all the time."""
         if errors := self._line.garbled(self.driver.counters, now_ns):
-            raise LinkLost("wheels", "bus", f"the line damages bytes ({errors} errors)", "Check cable and termination")
+            raise LinkLost(
+                self.driver.device,
+                self.driver.port_name,
+                f"the line damages bytes ({errors} errors)",
+                "Check cable and termination",
+            )
 
     def shut(self, now_ns: int) -> None:
         """Zero, disable, release the port, whatever fails on the way."""

@@ -59,6 +59,9 @@ class FramePort(Port, Protocol):
         :raises OSError: the bus is gone.
         """
 
+    def inquire(self) -> str:
+        """Ask the adapter how its bus is, without waiting; its last answer in words, '' for well or unknown."""
+
     def receive(self) -> list[CanFrame]:
         """Every frame received, possibly none.
 

@@ -13,6 +13,7 @@ from contract.tables import Fault, nearest, read_table, show
 from drivers.base import DiffDrive, Site
 from drivers.gate import Gate
 from drivers.gated import GatedDrive, limits_of
+from drivers.health import Health
 from drivers.options import WheelOptions
 
 
@@ -114,7 +115,7 @@ def open_drive(
     module = module_of(family)
     site = Site(platform, safety, max_speed_mps, control_period_s)
     drive = module.Drive(robot_id, options, site, module.open_port(options) if port is None else port)
-    return GatedDrive(drive, Gate(limits_of(site)))
+    return GatedDrive(drive, Gate(limits_of(site)), Health(safety, drive.dead_zone_radps))
 
 
 def open_robot(arena: Arena, robot_id: str, port: Any = None) -> GatedDrive:

@@ -29,6 +29,7 @@ from onboard.ahdc.controller import Controller, LinkWord
 from onboard.ahdc.parameters import from_arena
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.view import View
+from onboard.cut import Other, cut_bounds, limit_cut
 from onboard.failsafes import Conditions
 from onboard.homing import Home, Homing
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
@@ -68,6 +69,7 @@ class Agent:
         self._radius_m = arena.platform.wheel_radius_m
         self._separation_m = arena.platform.wheel_separation_m
         self._bounds = bounds_of(arena)
+        self._cut_bounds = cut_bounds(arena)
         self.supervisor = Supervisor(arena, robot)
         self.sensing = Sensing(robot, arena.control.sensing_radius_m, arena.safety.neighbour_silence_s)
         self.pacing = Pacing(arena.control.control_period_s, arena.mocap.frame_rate_hz)
@@ -153,7 +155,7 @@ class Agent:
         self._odometry.record(sample.stamp_ns, sample.left_radps * self._radius_m, sample.right_radps * self._radius_m)
         if len(self._samples) < MAX_BATCH:
             self._samples.append(sample)
-        if sample.faults:
+        if sample.faults and not self._driver_fault:
             self.driver_fault(
                 f"motor controller reports {', '.join(sample.faults)}", "clear the cause, then arm", now_ns
             )
@@ -200,11 +202,15 @@ class Agent:
         decision = self.homing.decide(view) if self._going_home else self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
         around = [Neighbour(s.x_m, s.y_m, s.vx_mps, s.vy_mps, s.age_s) for s in sighted.values()]
-        limited = limit(speed, turn, (pose.x_m, pose.y_m, pose.heading_rad), (left, right), around, self._bounds)
-        waits = limited.by or decision.waits
+        place = (pose.x_m, pose.y_m, pose.heading_rad)
+        limited = limit(speed, turn, place, (left, right), around, self._bounds)
+        silences = (view.heard[name].age_s if name in view.heard else 0.0 for name in sighted)
+        others = [Other(*near, silence) for near, silence in zip(around, silences, strict=True)]
+        cut = limit_cut(limited.v_mps, limited.omega_radps, place, (left, right), others, self._cut_bounds)
+        waits = cut.by or limited.by or decision.waits
         rims = (0.0, 0.0)
         if verdict.may_move and verdict.enable:
-            rims = unicycle.rims(limited.v_mps, limited.omega_radps, self._separation_m, self._parameters.max_speed_mps)
+            rims = unicycle.rims(cut.v_mps, cut.omega_radps, self._separation_m, self._parameters.max_speed_mps)
         self._commanded = rims
         self._drive = Drive(verdict.enable, rims[0] / self._radius_m, rims[1] / self._radius_m)
         self.pacing.stepped(now_ns)

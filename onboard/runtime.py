@@ -21,7 +21,8 @@ from contract.arena import Arena, load, robot_or_fault
 from contract.codec import WireError, encode
 from contract.keys import Keys
 from contract.messages import LogEntry
-from drivers.base import DiffDrive, WheelSpeeds
+from drivers.base import WheelSpeeds
+from drivers.gated import GatedDrive
 from drivers.lifecycle import Wheels
 from drivers.registry import open_robot, wheel_faults
 from onboard.agent import Agent, Drive
@@ -43,7 +44,7 @@ def subscriptions(arena: Arena) -> dict[str, int]:
 class Runtime:
     """One robot's process."""
 
-    def __init__(self, arena: Arena, robot: str, agent: Agent, driver: DiffDrive) -> None:
+    def __init__(self, arena: Arena, robot: str, agent: Agent, driver: GatedDrive) -> None:
         self._keys = Keys(arena.arena.name)
         self._robot = robot
         self._agent = agent

@@ -18,7 +18,7 @@ import can
 from can.interfaces.slcan import slcanBus
 
 from drivers.can.frame import CanFrame
-from drivers.can.slcan_text import SlcanReader, encode
+from drivers.can.slcan_text import ASK_STATUS, SlcanReader, encode
 from drivers.ports import CHUNK_BYTES, FramePort
 
 ERROR_BUS_OFF = 0x40
@@ -137,6 +137,12 @@ class SlcanPort(_CanPortBase):
         data = self._bus.raw_read()
         return self._reader.feed(data) if data else []
 
+    def inquire(self) -> str:
+        if self._bus is not None:
+            with contextlib.suppress(OSError):
+                self._bus.raw_write(ASK_STATUS)
+        return self._reader.status
+
     def take_counters(self) -> dict[str, int]:
         self._counters.update(self._reader.counters)
         self._reader.counters.clear()
@@ -220,6 +226,10 @@ class BusPort(_CanPortBase):
         except can.CanError as error:
             raise _os_error(error) from error
         return frames
+
+    def inquire(self) -> str:
+        """The kernel tells by error frames, which :meth:`receive` raises."""
+        return ""
 
     def _count_error(self, message: can.Message) -> None:
         """:raises OSError: the controller has left the bus."""

@@ -141,6 +141,9 @@ class CanDrive(FamilyDrive[OptionsT, CanLine], Generic[OptionsT, MotorT]):
             left.moved = right.moved = False
         return sample
 
+    def why_silent(self) -> str:
+        return self.line.port.inquire()
+
     def _deal(self, frame: CanFrame) -> str:
         motor = self._by_device.get(self.sender(frame.can_id))
         if motor is None or frame.extended != self.EXTENDED:

@@ -10,6 +10,14 @@ from collections import Counter
 from drivers.can.frame import CanFrame
 
 MAX_LINE = 64
+HEX = frozenset(b"0123456789ABCDEFabcdef")
+ASK_STATUS = b"F\r"
+STATUS_TEXTS = {
+    0x80: "the adapter reports bus errors (bus-off): check bitrate, wiring and termination",
+    0x20: "the adapter is error passive: check wiring and termination",
+    0x02: "the adapter's transmit queue is full: nothing on the bus acknowledges frames",
+}
+"""Bits of the status byte, gravest first."""
 
 
 def encode(frame: CanFrame) -> bytes:
@@ -31,8 +39,15 @@ class SlcanReader:
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
+        self.flags = 0
+        """Status of the adapter's controller as last answered to :data:`ASK_STATUS`."""
         self._rest = b""
         self._settled = False
+
+    @property
+    def status(self) -> str:
+        """The gravest thing the adapter says of its bus, '' for nothing."""
+        return next((text for bit, text in STATUS_TEXTS.items() if self.flags & bit), "")
 
     def feed(self, data: bytes) -> list[CanFrame]:
         *lines, rest = (self._rest + data).split(b"\r")
@@ -50,6 +65,9 @@ class SlcanReader:
                 continue
             if line in (b"z", b"Z"):
                 self._settled = True
+                continue
+            if len(line) == 3 and line[:1] == b"F" and line.isalnum():
+                self.flags = int(line[1:], 16) if HEX.issuperset(line[1:]) else self.flags
                 continue
             frame = parse(line)
             if frame is None:

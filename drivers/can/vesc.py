@@ -75,6 +75,10 @@ class Drive(CanDrive[Options, CanMotor]):
         right = motor("right", options.right, options.right_inverted)
         super().__init__("VESC", robot, options, site, port, left, right)
 
+    @property
+    def dead_zone_radps(self) -> float:
+        return self.options.min_erpm / abs(self.motors[0].speed.units_per_rad)
+
     def cycle(self) -> Sequence[CanFrame]:
         return [
             frame

@@ -25,6 +25,8 @@ class CanDevice(Protocol):
 
     def set_sensor_sign(self, sign: float) -> None: ...
 
+    def brown_out(self, on: bool) -> None: ...
+
 
 class OnSlcan:
     """:class:`drivers.mock.controller.EmulatedController`: adapter, bus and device."""
@@ -73,6 +75,9 @@ class OnSlcan:
 
     def set_sensor_sign(self, sign: float) -> None:
         self.device.set_sensor_sign(sign)
+
+    def brown_out(self, on: bool) -> None:
+        self.device.brown_out(on)
 
     def _take(self) -> bytes:
         taken = bytes(self._port.output)

@@ -70,6 +70,11 @@ class EmulatedArduino:
     def take_samples(self) -> list[MotorSample]:
         return self.log.take()
 
+    def brown_out(self, on: bool) -> None:
+        """The board lives on USB; its motors are without power and it does not notice."""
+        for wheel in self.wheels:
+            wheel.supplied = not on
+
     def set_sensor_sign(self, sign: float) -> None:
         for shaft in self._shafts:
             shaft.sensor_sign = sign

@@ -298,6 +298,14 @@ class EmulatedDrives:
         for slave in self.slaves:
             slave.shaft.sensor_sign = sign
 
+    def brown_out(self, on: bool) -> None:
+        """Fault 3220h with its emergency; lasts until reset."""
+        for slave in self.slaves:
+            slave.put(0x6079, 12_000 if on else 24_000)
+            if on:
+                slave.outbox.append(CanFrame(0x80 + slave.node, struct.pack("<HB5x", 0x3220, 0x05)))
+                slave.fault(0x3220)
+
     def take_frame(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
         if self.hung:
             return []

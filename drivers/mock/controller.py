@@ -83,5 +83,8 @@ class EmulatedController(Protocol):
 
     def take_samples(self) -> list[MotorSample]: ...
 
+    def brown_out(self, on: bool) -> None:
+        """The supply sags below what the device needs; it lets go of the motors and tells it its own way."""
+
     def set_sensor_sign(self, sign: float) -> None:
         """-1: both encoders count backwards."""

@@ -42,6 +42,7 @@ class Servo:
         self.table[68] = 2
         self.fed_ns = 0
         self.tripped = False
+        self.decivolts = 50
 
     @property
     def expiry_ns(self) -> int | None:
@@ -53,7 +54,7 @@ class Servo:
         speed = round(self.shaft.turns_per_s * 60.0 / RPM_PER_UNIT)
         position = (math.floor(self.shaft.turns * 4096) + 2**31) % 2**32 - 2**31
         self.table[128:136] = struct.pack("<ii", speed, position)
-        self.table[144:146] = struct.pack("<H", 50)
+        self.table[144:146] = struct.pack("<H", self.decivolts)
         self.table[146] = 30
         if self.tripped:
             self.table[98] = 0xFF
@@ -132,6 +133,14 @@ class EmulatedDynamixel:
 
     def take_samples(self) -> list[MotorSample]:
         return self.log.take()
+
+    def brown_out(self, on: bool) -> None:
+        """Hardware error "input voltage", latched until a reboot; torque goes off."""
+        for servo in self.servos:
+            servo.decivolts = 30 if on else 50
+            if on:
+                servo.table[70], servo.table[64] = 0x01, 0
+                servo.shaft.wheel.release()
 
     def set_sensor_sign(self, sign: float) -> None:
         for servo in self.servos:

@@ -4,14 +4,30 @@ from collections import Counter, deque
 from random import Random
 from typing import Literal, NamedTuple, get_args
 
-FaultKind = Literal["off", "stuck", "wrong", "delayed", "dropped", "corrupted", "bus-off", "unplugged", "hung"]
+FaultKind = Literal[
+    "off",
+    "stuck",
+    "wrong",
+    "frozen",
+    "brown-out",
+    "delayed",
+    "dropped",
+    "corrupted",
+    "jammed",
+    "bus-off",
+    "unplugged",
+    "hung",
+]
 FAULTS: dict[FaultKind, str] = {
     "off": "motor supply cut: the wheel coasts, the controller does not notice",
     "stuck": "wheel jammed: it stands, whatever is commanded",
     "wrong": "encoders count backwards",
+    "frozen": "encoders stand still: the controller's speed loop winds up to full speed",
+    "brown-out": "the supply sags: the controller lets go of the motors and says so where it can",
     "delayed": "bytes arrive late",
     "dropped": "chunks of bytes are lost",
     "corrupted": "one bit in every 16 bytes is flipped, and at least one in every chunk",
+    "jammed": "the computer's port takes no more bytes (ENOBUFS)",
     "bus-off": "the CAN bus carries no frames",
     "unplugged": "the port is gone from the computer",
     "hung": "controller firmware frozen: no bytes, no watchdog, motors keep their setpoint",

@@ -33,9 +33,13 @@ class EmulatedRobot:
         self.port = PtyPort(Path(port_path(robot.wheels)))
         self.samples: list[MotorSample] = []
         self.wires: list[WirePort] = []
+        self.jammed = False
+        """Nobody reads what the computer writes."""
         self._telemetry = b""
 
     def on_readable(self, now_ns: int) -> None:
+        if self.jammed:
+            return
         data = self.line.carry("commands", self.port.read(), now_ns)
         self._answer(self.controller.receive(data, now_ns), now_ns)
         self.deliver()
@@ -193,6 +197,17 @@ class EmulatedWheels:
                     motor.supplied = not on
                 else:
                     motor.stuck = on
+        elif kind == "frozen":
+            for side in settings.wheels:
+                motor = getattr(robot.wheels, side)
+                motor.frozen_rad = motor.angle_rad if on else None
+        elif kind == "brown-out":
+            robot.controller.brown_out(on)
+        elif kind == "jammed":
+            robot.jammed = on
+            for wire in robot.wires:
+                wire.jammed = on
+            self._index()
         elif kind == "wrong":
             robot.controller.set_sensor_sign(-1.0 if on else 1.0)
         elif kind == "hung":
@@ -218,4 +233,6 @@ class EmulatedWheels:
         self._index()
 
     def _index(self) -> None:
-        self._by_fd = {robot.port.fileno(): robot for robot in self.robots.values() if robot.port.plugged}
+        self._by_fd = {
+            robot.port.fileno(): robot for robot in self.robots.values() if robot.port.plugged and not robot.jammed
+        }

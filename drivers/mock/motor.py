@@ -40,6 +40,8 @@ class Motor:
         """False: the motor wires are off; the controller does not notice."""
         self.stuck = False
         """The wheel is jammed."""
+        self.frozen_rad: float | None = None
+        """Where the encoder has stopped, if it has: the speed loop then winds up to full speed."""
 
     def drive(self, radps: float) -> None:
         """Closed-loop speed."""
@@ -63,7 +65,10 @@ class Motor:
 
     def _servo(self, dt_s: float) -> None:
         lag, limit = self.limits.lag_s, min(self.acceleration_radps2, self.limits.acceleration_radps2)
-        error = self.command_radps - self.radps
+        command = self.command_radps
+        if self.frozen_rad is not None and command:
+            command = math.copysign(self.limits.max_radps, command)
+        error = command - self.radps
         ramp_s = min(dt_s, max(0.0, abs(error) - limit * lag) / limit)
         if ramp_s > 0.0:
             gain = math.copysign(limit * ramp_s, error)
@@ -74,8 +79,8 @@ class Motor:
         if rest_s <= 0.0:
             return
         decay = math.exp(-rest_s / lag) if lag > 0.0 else 0.0
-        self.angle_rad += self.command_radps * rest_s - error * lag * (1.0 - decay)
-        self.radps = self.command_radps - error * decay
+        self.angle_rad += command * rest_s - error * lag * (1.0 - decay)
+        self.radps = command - error * decay
 
     def _coast(self, dt_s: float) -> None:
         if self.radps == 0.0:
@@ -98,10 +103,14 @@ class Shaft:
 
     @property
     def turns(self) -> float:
-        return self._start_turns + self.sensor_sign * self.wheel.angle_rad * self.turns_per_rad
+        frozen_rad = self.wheel.frozen_rad
+        angle_rad = self.wheel.angle_rad if frozen_rad is None else frozen_rad
+        return self._start_turns + self.sensor_sign * angle_rad * self.turns_per_rad
 
     @property
     def turns_per_s(self) -> float:
+        if self.wheel.frozen_rad is not None:
+            return 0.0
         return self.sensor_sign * self.wheel.radps * self.turns_per_rad
 
     def drive(self, turns_per_s: float) -> None:

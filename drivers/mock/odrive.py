@@ -2,7 +2,8 @@
 
 Written from the protocol table of the ODrive manual ("CAN Protocol"), apart from the driver's
 codec. Both firmware lines; 0.5 feeds the watchdog on any frame for the axis and lets it expire in
-any state, 0.6 on setpoints and only while in closed loop.
+any state. 0.6 feeds it on setpoints and on entering closed loop (ODriveResources,
+``examples/can_watchdog.py``); that nothing else feeds it and that it rests while idle is unverified.
 """
 
 import math
@@ -19,6 +20,7 @@ from drivers.mock.motor import Shaft
 ESTOP_ERROR = {"0.5": 0x4000, "0.6": 0x02000000}
 WATCHDOG_ERROR = {"0.5": 0x800, "0.6": 0x01000000}
 INVALID_STATE = 0x1
+UNDER_VOLTAGE = {"0.5": 0, "0.6": 0x200}
 
 
 class AxisSettings(NamedTuple):
@@ -50,7 +52,6 @@ class Axis:
         self.input_mode = 1
         self.fed_ns = 0
         self.procedure_result = 0
-        self.frozen_encoder = False
         self._due = {0x01: 0, 0x09: 0, 0x17: 0}
 
     @property
@@ -86,8 +87,7 @@ class Axis:
             tail = bytes((self.procedure_result, 0, 0)) if self.dialect == "0.6" else bytes(3)
             data = struct.pack("<IB", self.error, self.state) + tail
         elif command == 0x09:
-            speed = 0.0 if self.frozen_encoder else self.shaft.turns_per_s
-            data = struct.pack("<ff", self.shaft.turns, speed)
+            data = struct.pack("<ff", self.shaft.turns, self.shaft.turns_per_s)
         elif command == 0x14:
             data = struct.pack("<ff", 0.0, 0.0)
         elif command == 0x17:
@@ -153,6 +153,13 @@ class EmulatedOdrive:
     def set_sensor_sign(self, sign: float) -> None:
         for axis in self.axes:
             axis.shaft.sensor_sign = sign
+
+    def brown_out(self, on: bool) -> None:
+        """Disarmed; 0.6 has a bit for it, 0.5 tells only that the axis has left closed loop."""
+        for axis in self.axes:
+            axis.settings = axis.settings._replace(bus_volts=8.0 if on else 24.0)
+            if on:
+                axis.disarm(UNDER_VOLTAGE[axis.dialect])
 
     def take_frame(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
         if self.hung:

@@ -1,8 +1,9 @@
 """An emulated RoboClaw: packet serial from the device's end.
 
-Written from the command tables of the RoboClaw User Manual rev 5.7 (pp. 58-89), apart from the
-driver's codec. A packet with a bad CRC is ignored; a gap above 10 ms inside a packet discards it;
-the serial time-out (command 14, off by default) is fed by any valid packet and releases the motors.
+Written from the RoboClaw Series User Manual (pp. 58-59, 66-97), apart from the driver's codec. A packet
+with a bad CRC is ignored; a gap above 10 ms inside a packet discards it; the serial time-out (command
+14) releases the motors. That it is off by default and that any valid packet feeds it, reads included,
+is the worse reading of a manual that does not say.
 """
 
 import math
@@ -140,6 +141,13 @@ class EmulatedRoboclaw:
     def take_samples(self) -> list[MotorSample]:
         return self.log.take()
 
+    def brown_out(self, on: bool) -> None:
+        self.battery_v = 5.5 if on else 12.0
+        self.status = self.status | 0x4000 if on else self.status & ~0x4000
+        if on:
+            for wheel in self.wheels:
+                wheel.release()
+
     def set_sensor_sign(self, sign: float) -> None:
         for shaft in self._shafts:
             shaft.sensor_sign = sign
@@ -239,7 +247,7 @@ class EmulatedRoboclaw:
     def _speed(self, channel: int, qpps: int) -> None:
         wheel = self._shafts[channel].wheel
         wheel.acceleration_radps2 = wheel.limits.acceleration_radps2
-        if self.status & 1:
+        if self.status & 0x4001:
             wheel.release()
         else:
             self._shafts[channel].drive(qpps / self._counts)

@@ -47,6 +47,7 @@ class EmulatedVescs:
         self.counters: Counter[str] = Counter()
         self.log = SampleLog(wheels)
         self.hung = False
+        self.browned = False
         self.settings = settings
         gear, pairs = options.gear_ratio, options.pole_pairs
         self.controllers = (
@@ -86,6 +87,14 @@ class EmulatedVescs:
         for controller in self.controllers:
             controller.shaft.sensor_sign = sign
 
+    def brown_out(self, on: bool) -> None:
+        """Status 5 shows the voltage; the fault code is not on the CAN bus."""
+        self.settings = self.settings._replace(volts=7.0 if on else 24.0)
+        self.browned = on
+        if on:
+            for controller in self.controllers:
+                controller.shaft.wheel.release()
+
     def take_frame(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
         if self.hung:
             return []
@@ -106,6 +115,8 @@ class EmulatedVescs:
 
     def _obey(self, controller: Controller, number: int, value: int) -> None:
         shaft = controller.shaft
+        if self.browned:
+            return
         free_turns_per_s = shaft.wheel.limits.max_radps * abs(shaft.turns_per_rad)
         if number == 3 and abs(value) >= self.settings.min_erpm:
             shaft.drive(value / (60.0 * controller.pole_pairs))

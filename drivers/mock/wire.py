@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from drivers.can.frame import CanFrame
-from drivers.can.slcan_text import SlcanReader, encode
+from drivers.can.slcan_text import ASK_STATUS, SlcanReader, encode
 from drivers.mock.controller import EmulatedController
 from drivers.mock.faults import FaultyLine
 
@@ -31,6 +31,8 @@ class WirePort:
     def __init__(self, controller: EmulatedController, clock: VirtualClock, line: FaultyLine | None = None) -> None:
         self.name = "memory"
         self.plugged = True
+        self.jammed = False
+        """Takes no more bytes, like a full transmit queue."""
         self.controller = controller
         self.line = FaultyLine() if line is None else line
         self._clock = clock
@@ -68,6 +70,8 @@ class WirePort:
 
     def send(self, data: bytes) -> bool:
         self._check()
+        if self.jammed:
+            return False
         now_ns = self._clock.now_ns
         answer = self.controller.receive(self.line.carry("commands", data, now_ns), now_ns)
         self.deliver(self.line.carry("telemetry", answer, now_ns))
@@ -116,6 +120,11 @@ class WireFramePort:
 
     def send(self, frames: Sequence[CanFrame]) -> bool:
         return self.wire.send(b"".join([encode(frame) for frame in frames]))
+
+    def inquire(self) -> str:
+        if self.wire.plugged:
+            self.wire.send(ASK_STATUS)
+        return self._reader.status
 
     def receive(self) -> list[CanFrame]:
         return self._reader.feed(self.wire.receive())

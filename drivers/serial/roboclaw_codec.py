@@ -1,9 +1,13 @@
 """RoboClaw packet serial: pure encode, and a reader of replies that resynchronises.
 
-Source: RoboClaw User Manual rev 5.7, "Packet Serial Mode" (pp. 58-62) and the command tables
-(pp. 63-89). Big-endian. A write is ``address command data crc16`` and is answered with ``FF``; a
-read is ``address command`` and is answered with ``data crc16`` whose CRC covers address, command
-and data. CRC-16/XMODEM (poly 0x1021, init 0). A gap of more than 10 ms discards a packet.
+Source: RoboClaw Series User Manual (Basicmicro, 101 pages): "Packet Serial" pp. 58-59 (addresses, gap,
+acknowledgement, CRC), command tables pp. 66-67 (14, 15), 73 (90), 86-89 (encoders), 90-97 (speeds).
+Not found there, hence as the maker's library has them: 200, and bit 0x4000 of 90. Which packets feed
+the time-out it does not say.
+
+Big-endian. A write is ``address command data crc16`` and is answered with ``FF``; a read is
+``address command`` and is answered with ``data crc16`` whose CRC covers address, command and data.
+CRC-16/XMODEM (poly 0x1021, init 0). A gap of more than 10 ms discards a packet.
 """
 
 import re

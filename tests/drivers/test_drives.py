@@ -205,6 +205,8 @@ def test_every_fault_verb_is_explained_and_repairable(bench: Bench) -> None:
             continue
         bench.host.fault(ROBOT, kind)
         bench.host.repair(ROBOT, kind)
+    bench.drive.configure()
+    bench.drive.clear_errors(bench.now_ns)
     bench.start()
     bench.run(1.5, (5.0, 5.0))
     assert bench.speeds() == pytest.approx((5.0, 5.0), abs=0.01)

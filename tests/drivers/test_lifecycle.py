@@ -40,6 +40,13 @@ class Driver:
         self._do("read")
         return self.sample
 
+    device = "emulated"
+    port_name = "nowhere"
+
+    def check(self, now_ns: int) -> None:
+        if "check" in self.failing:
+            self._do("check")
+
     def stop(self, now_ns: int) -> None:
         self._do("stop")
 

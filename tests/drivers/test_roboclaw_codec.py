@@ -1,4 +1,4 @@
-"""Golden bytes: RoboClaw User Manual rev 5.7, packet serial (pp. 58-62) and command tables (pp. 63-89)."""
+"""Golden bytes: RoboClaw Series User Manual, packet serial (pp. 58-59) and command tables (pp. 66-97)."""
 
 import struct
 from itertools import pairwise
