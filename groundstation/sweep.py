@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from contract.arena import Arena, Control, FieldControl, Floor, Mocap, Robot, Safety, Targets
+from contract.arena import Arena, Control, FieldControl, Floor, Mocap, Platform, Robot, Safety, Targets
 from groundstation.conditions import PRESETS, Conditions, Interval
 from groundstation.lockstep import Result, World
 from groundstation.targets import CloudError, scenario
@@ -21,6 +21,8 @@ WHEELS: tuple[dict[str, Any], ...] = (
 """Of the robots in turn; no port is ever opened."""
 MAX_DECELERATION_MPS2 = 100.0
 MIN_LAG_S = 0.001
+SHORTEST_WATCHDOG_S = 0.02
+"""Robots that stop at once, as the paper's do, stop at once when cut off, too."""
 SURE_AGE_S = 0.05
 """The supervisor tolerates poses older than the conditions make them by this."""
 POLL_S = 0.5
@@ -64,9 +66,10 @@ def arena_for(job: Job) -> Arena:
         brake_deceleration_mps2=(min(weak, MAX_DECELERATION_MPS2), min(strong, MAX_DECELERATION_MPS2)),
         motor_lag_s=(max(quick, MIN_LAG_S), max(slow, MIN_LAG_S)),
     )
-    usual = Safety()
+    usual, at_once = Safety(), weak >= MAX_DECELERATION_MPS2
     safety = Safety(
-        max_slew_mps2=1000.0 if weak >= MAX_DECELERATION_MPS2 else usual.max_slew_mps2,
+        max_slew_mps2=1000.0 if at_once else usual.max_slew_mps2,
+        watchdog_s=SHORTEST_WATCHDOG_S if at_once and not job.wired else usual.watchdog_s,
         max_pose_age_s=max(usual.max_pose_age_s, world.pose_age_s[1] + SURE_AGE_S),
     )
     return Arena(
@@ -79,6 +82,7 @@ def arena_for(job: Job) -> Arena:
         },
         mocap=Mocap(frame_rate_hz=100.0),
         control=Control(profile=job.profile, field=field),
+        platform=Platform(coast_deceleration_mps2=50.0) if at_once else Platform(),
         safety=safety,
         targets=Targets(count=job.targets, seed=job.seed),
     )

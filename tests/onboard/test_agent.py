@@ -21,6 +21,7 @@ from contract.messages import (
     WheelFeedback,
 )
 from onboard.agent import Agent, Drive
+from onboard.cut import cut_bounds
 from onboard.pacing import Pacing
 from tests.onboard.samples import arena, state
 
@@ -283,3 +284,17 @@ def test_a_new_mission_forgets_the_occupied_targets_and_a_late_neighbour_does_no
     assert occupied() == ""
     hear(3, "n")
     assert occupied() == "1"
+
+
+def test_towards_a_robot_at_rest_it_goes_no_faster_than_a_cut_allows() -> None:
+    stage = Stage({"r02": (0.9, 0.5)})
+    stage.agent.receive(TargetCloud(mission="n", targets=(Target(index=0, x_m=1.4, y_m=0.5),)), stage.now_ns)
+    stage.start()
+    alone = Stage()
+    alone.agent.receive(TargetCloud(mission="n", targets=(Target(index=0, x_m=1.4, y_m=0.5),)), alone.now_ns)
+    alone.start()
+    radius_m = stage.arena.platform.wheel_radius_m
+    fastest = max(max(drive.left_radps, drive.right_radps) for drive in stage.drives) * radius_m
+    assert fastest < max(max(drive.left_radps, drive.right_radps) for drive in alone.drives) * radius_m
+    bounds = cut_bounds(stage.arena)
+    assert bounds.roll_m(0.0, fastest) <= 0.4 - bounds.contact_m + 1e-3
