@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from contract.margins import margin_faults
 from contract.tables import Fault, join, nearest, read_table, show
 from contract.units import Point, Radians, RobotId
 
@@ -291,6 +292,7 @@ def _cross_checks(arena: Arena, faulty: set[str]) -> list[Fault]:
         ({"arena", "control"}, _robot_checks),
         ({"arena", "targets"}, _target_checks),
         ({"safety"}, _safety_checks),
+        ({"control", "platform", "safety"}, margin_faults),
     ]
     return [fault for sections, check in checks if not sections & faulty for fault in check(arena)]
 

@@ -20,11 +20,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from contract.arena import Arena
+from contract.margins import SLACK_S, contact_m
 from onboard.limits import REST_MPS, Bounds, Limited, bounds_of, respond, roll_m, stop_m
 
-SLACK_S = 0.02
-"""From the command to the packet that feeds the watchdog last."""
-POSE_ERROR_M = 0.005
 HALVINGS = 8
 MAX_AGE_S = 0.5
 
@@ -72,7 +70,7 @@ def cut_bounds(arena: Arena) -> CutBounds:
         brake=bounds_of(arena),
         standing_s=arena.safety.watchdog_s + SLACK_S,
         coast_mps2=arena.platform.coast_deceleration_mps2,
-        contact_m=min(arena.safety.min_distance_m, arena.platform.diameter_m + POSE_ERROR_M),
+        contact_m=contact_m(arena),
         beyond_fence_m=max(0.0, arena.arena.fence_m - arena.platform.diameter_m / 2),
     )
 
@@ -201,15 +199,15 @@ def _rooms_before(course: _Course, other: Other) -> list[tuple[float, bool, str]
     off = course.off_rad(away_x, away_y)
     if off >= math.pi / 2:
         return []
-    lateral_m, contact_m = distance_m * math.sin(off), bounds.contact_m
-    touch_m = distance_m * math.cos(off) - math.sqrt(max(0.0, contact_m * contact_m - lateral_m * lateral_m))
+    lateral_m, touching_m = distance_m * math.sin(off), bounds.contact_m
+    touch_m = distance_m * math.cos(off) - math.sqrt(max(0.0, touching_m * touching_m - lateral_m * lateral_m))
     gap_m = touch_m - max(0.0, closing) * age_s
     found: list[tuple[float, bool, str]] = []
-    if not silent and lateral_m < contact_m + stop_m(speed, *weak) + speed * age_s:
+    if not silent and lateral_m < touching_m + stop_m(speed, *weak) + speed * age_s:
         stopping_m = stop_m(closing, *weak) if closing > 0.0 else -stop_m(-closing, *strong)
         found.append((_share_m(gap_m - stopping_m, course.committed_m), False, "separation"))
     miss_m = math.sqrt(max(0.0, speed * speed - closing * closing)) / speed * distance_m if speed > 0.0 else 0.0
-    if closing > REST_MPS and miss_m < contact_m + course.braking_m:
+    if closing > REST_MPS and miss_m < touching_m + course.braking_m:
         coming_m = bounds.coast_m(closing) + (0.0 if silent else closing * bounds.standing_s)
         found.append((_share_m(gap_m - coming_m, course.braking_m), True, "separation"))
     return found
