@@ -7,6 +7,7 @@ from contract.messages import WheelFeedback
 from contract.tables import Fault, show
 from drivers.bandwidth import Load
 from drivers.base import STANDSTILL, Site, WheelSpeeds
+from drivers.conversion import Odometer, WheelScale
 from drivers.line import DeviceLine
 from drivers.options import WheelOptions
 
@@ -25,6 +26,40 @@ def pair_faults(left: int, right: int, path: str) -> list[Fault]:
 def undeclared(watchdog_s: float | None, path: str, text: str) -> list[Fault]:
     """A watchdog the wire cannot set must be stated."""
     return [Fault(f"{path}.watchdog_s", "", f"missing; {text}")] if watchdog_s is None else []
+
+
+class WheelMotor:
+    """What one wheel's controller last said."""
+
+    def __init__(self, name: str, device: int, speed: WheelScale, position: WheelScale, bits: int | None) -> None:
+        self.name = name
+        self.device = device
+        self.speed = speed
+        self.position = position
+        self._bits = bits
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing was heard yet."""
+        self.odometer = Odometer(self.position, self._bits)
+        self.radps: float | None = None
+        self.moved = False
+
+    def restart(self) -> None:
+        """Angles count from the next position."""
+        self.odometer = Odometer(self.position, self._bits)
+
+    def take_speed(self, units: float) -> str:
+        """Note a speed in device units; the counter to raise if it cannot be."""
+        radps = self.speed.to_wheel(units)
+        if abs(radps) > MAX_RADPS:
+            return "implausible_speed"
+        self.radps = radps
+        return ""
+
+    def take_position(self, units: float) -> None:
+        self.odometer.update(units)
+        self.moved = True
 
 
 class FamilyDrive(Generic[OptionsT, LineT]):

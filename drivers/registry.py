@@ -32,6 +32,9 @@ FAMILIES: tuple[Family, ...] = (
     Family("odrive", "drivers.can.odrive", "drivers.mock.odrive", "channel", "ODrive CANSimple, firmware 0.5 and 0.6"),
     Family("roboclaw", "drivers.serial.roboclaw", "drivers.mock.roboclaw", "port", "RoboClaw packet serial"),
     Family("vesc", "drivers.can.vesc", "drivers.mock.vesc", "channel", "VESC over CAN, two controllers"),
+    Family(
+        "vesc_uart", "drivers.serial.vesc_uart", "drivers.mock.vesc_uart", "port", "VESC over UART, second one behind"
+    ),
     Family("cia402", "drivers.can.cia402", "drivers.mock.cia402", "channel", "CANopen CiA 402, two drives"),
     Family("ros_arduino", "drivers.serial.arduino", "drivers.mock.arduino", "port", "ros_arduino_bridge ASCII"),
     Family("dynamixel", "drivers.serial.dynamixel", "drivers.mock.dynamixel", "port", "Dynamixel Protocol 2.0"),

@@ -13,10 +13,10 @@ from msgspec import Meta
 from contract.tables import Fault, show
 from drivers.base import STANDSTILL, ControllerFault, Site, WheelSpeeds
 from drivers.can import cia402_codec as codec
-from drivers.can.family import CanDrive, CanMotor, CanOptions, open_port
+from drivers.can.family import CanDrive, CanOptions, open_port
 from drivers.can.frame import CanFrame
 from drivers.conversion import WheelScale
-from drivers.family import pair_faults
+from drivers.family import WheelMotor, pair_faults
 from drivers.ports import FramePort
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def check(options: Options, path: str) -> list[Fault]:
     return faults
 
 
-class _Axis(CanMotor):
+class _Axis(WheelMotor):
     """What one wheel's drive last said."""
 
     def __init__(self, name: str, node: int, options: Options, inverted: bool) -> None:

@@ -14,8 +14,7 @@ from drivers.base import Site
 from drivers.can.bandwidth import BusLoad
 from drivers.can.frame import CanFrame
 from drivers.can.line import CanLine
-from drivers.conversion import Odometer, WheelScale
-from drivers.family import MAX_RADPS, FamilyDrive
+from drivers.family import FamilyDrive, WheelMotor
 from drivers.options import WheelOptions
 from drivers.ports import FramePort
 
@@ -40,42 +39,8 @@ def open_port(options: CanOptions) -> FramePort:
     return can_port(options.interface, options.channel, options.bitrate)
 
 
-class CanMotor:
-    """What one wheel's controller last said."""
-
-    def __init__(self, name: str, device: int, speed: WheelScale, position: WheelScale, bits: int | None) -> None:
-        self.name = name
-        self.device = device
-        self.speed = speed
-        self.position = position
-        self._bits = bits
-        self.forget()
-
-    def forget(self) -> None:
-        """Nothing was heard yet."""
-        self.odometer = Odometer(self.position, self._bits)
-        self.radps: float | None = None
-        self.moved = False
-
-    def restart(self) -> None:
-        """Angles count from the next position."""
-        self.odometer = Odometer(self.position, self._bits)
-
-    def take_speed(self, units: float) -> str:
-        """Note a speed in device units; the counter to raise if it cannot be."""
-        radps = self.speed.to_wheel(units)
-        if abs(radps) > MAX_RADPS:
-            return "implausible_speed"
-        self.radps = radps
-        return ""
-
-    def take_position(self, units: float) -> None:
-        self.odometer.update(units)
-        self.moved = True
-
-
 OptionsT = TypeVar("OptionsT", bound=CanOptions)
-MotorT = TypeVar("MotorT", bound=CanMotor)
+MotorT = TypeVar("MotorT", bound=WheelMotor)
 
 
 class CanDrive(FamilyDrive[OptionsT, CanLine], Generic[OptionsT, MotorT]):

@@ -14,10 +14,10 @@ from contract.messages import WheelFeedback
 from contract.tables import Fault
 from drivers.base import Site, WheelSpeeds
 from drivers.can import odrive_codec as codec
-from drivers.can.family import CanDrive, CanMotor, CanOptions, open_port
+from drivers.can.family import CanDrive, CanOptions, open_port
 from drivers.can.frame import CanFrame
 from drivers.conversion import WheelScale
-from drivers.family import pair_faults, undeclared
+from drivers.family import WheelMotor, pair_faults, undeclared
 from drivers.ports import FramePort
 
 __all__ = ["Drive", "Options", "check", "open_port"]
@@ -60,7 +60,7 @@ def check(options: Options, path: str) -> list[Fault]:
     return pair_faults(options.left, options.right, path) + undeclared(options.watchdog_s, path, WATCHDOG_TEXT)
 
 
-class _Axis(CanMotor):
+class _Axis(WheelMotor):
     """What one wheel's axis last said."""
 
     def __init__(self, name: str, node: int, gear_ratio: float, inverted: bool) -> None:

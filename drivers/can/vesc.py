@@ -14,10 +14,10 @@ from msgspec import Meta
 from contract.tables import Fault
 from drivers.base import STANDSTILL, Site, WheelSpeeds
 from drivers.can import vesc_codec as codec
-from drivers.can.family import CanDrive, CanMotor, CanOptions, open_port
+from drivers.can.family import CanDrive, CanOptions, open_port
 from drivers.can.frame import CanFrame
 from drivers.conversion import WheelScale
-from drivers.family import pair_faults, undeclared
+from drivers.family import WheelMotor, pair_faults, undeclared
 from drivers.ports import FramePort
 
 __all__ = ["Drive", "Options", "check", "open_port"]
@@ -58,7 +58,22 @@ def check(options: Options, path: str) -> list[Fault]:
     return pair_faults(options.left, options.right, path) + undeclared(options.watchdog_s, path, WATCHDOG_TEXT)
 
 
-class Drive(CanDrive[Options, CanMotor]):
+def motor_of(name: str, device: int, pole_pairs: int, gear_ratio: float, inverted: bool) -> WheelMotor:
+    """A wheel counted in electrical rpm and tachometer steps."""
+    speed = WheelScale.of(60.0 * pole_pairs, gear_ratio, inverted)
+    steps = WheelScale.of(float(codec.TACHO_STEPS_PER_ERPM_TURN * pole_pairs), gear_ratio, inverted)
+    return WheelMotor(name, device, speed, steps, 32)
+
+
+def rounded_erpm(motor: WheelMotor, radps: float, min_erpm: float) -> int | None:
+    """Setpoint in electrical rpm; None where the controller would apply no current."""
+    erpm = motor.speed.to_device(radps)
+    if abs(erpm) < max(min_erpm, 0.5):
+        return None
+    return round(max(-2e9, min(2e9, erpm)))
+
+
+class Drive(CanDrive[Options, WheelMotor]):
     """:class:`drivers.base.DiffDrive` for two VESCs."""
 
     IDENTIFY_S = 0.5
@@ -66,13 +81,9 @@ class Drive(CanDrive[Options, CanMotor]):
     POSITION_EACH_SAMPLE = False
 
     def __init__(self, robot: str, options: Options, site: Site, port: FramePort) -> None:
-        def motor(name: str, device: int, inverted: bool) -> CanMotor:
-            speed = WheelScale.of(60.0 * options.pole_pairs, options.gear_ratio, inverted)
-            steps = float(codec.TACHO_STEPS_PER_ERPM_TURN * options.pole_pairs)
-            return CanMotor(name, device, speed, WheelScale.of(steps, options.gear_ratio, inverted), 32)
-
-        left = motor("left", options.left, options.left_inverted)
-        right = motor("right", options.right, options.right_inverted)
+        gear, pairs = options.gear_ratio, options.pole_pairs
+        left = motor_of("left", options.left, pairs, gear, options.left_inverted)
+        right = motor_of("right", options.right, pairs, gear, options.right_inverted)
         super().__init__("VESC", robot, options, site, port, left, right)
 
     @property
@@ -118,7 +129,7 @@ class Drive(CanDrive[Options, CanMotor]):
     def sender(self, can_id: int) -> int:
         return codec.split_id(can_id)[1]
 
-    def take(self, motor: CanMotor, frame: CanFrame) -> str:
+    def take(self, motor: WheelMotor, frame: CanFrame) -> str:
         command = frame.can_id >> 8
         if command == codec.STATUS_1:
             status = codec.decode_status_1(frame.data)
@@ -132,10 +143,10 @@ class Drive(CanDrive[Options, CanMotor]):
         self.bus_v = position.volts
         return ""
 
-    def _setpoint(self, motor: CanMotor, radps: float) -> CanFrame:
-        erpm = motor.speed.to_device(radps)
-        if abs(erpm) < max(self.options.min_erpm, 0.5):
-            if radps != 0.0:
-                self.line.counters["below_min_erpm"] += 1
-            return codec.set_brake(motor.device, self.options.brake_a)
-        return codec.set_rpm(motor.device, round(max(-2e9, min(2e9, erpm))))
+    def _setpoint(self, motor: WheelMotor, radps: float) -> CanFrame:
+        erpm = rounded_erpm(motor, radps, self.options.min_erpm)
+        if erpm is not None:
+            return codec.set_rpm(motor.device, erpm)
+        if radps != 0.0:
+            self.line.counters["below_min_erpm"] += 1
+        return codec.set_brake(motor.device, self.options.brake_a)

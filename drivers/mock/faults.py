@@ -26,7 +26,7 @@ FAULTS: dict[FaultKind, str] = {
     "brown-out": "the supply sags: the controller lets go of the motors and says so where it can",
     "delayed": "bytes arrive late",
     "dropped": "chunks of bytes are lost",
-    "corrupted": "one bit in every 16 bytes is flipped, and at least one in every chunk",
+    "corrupted": "one bit in every 8 bytes is flipped, and at least one in every chunk",
     "jammed": "the computer's port takes no more bytes (ENOBUFS)",
     "bus-off": "the CAN bus carries no frames",
     "unplugged": "the port is gone from the computer",
@@ -70,8 +70,8 @@ class Channel:
                 return
             if kind == "corrupted":
                 damaged = bytearray(data)
-                for start in range(0, len(damaged), 16):
-                    damaged[start + self._random.randrange(min(16, len(damaged) - start))] ^= 1 << settings.bit
+                for start in range(0, len(damaged), 8):
+                    damaged[start + self._random.randrange(min(8, len(damaged) - start))] ^= 1 << settings.bit
                 data = bytes(damaged)
             else:
                 now_ns += int(settings.delay_s * 1e9)

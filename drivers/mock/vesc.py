@@ -9,6 +9,7 @@ from drivers.can.vesc import Options
 from drivers.mock.adapter import OnSlcan
 from drivers.mock.controller import SampleLog, Wheels
 from drivers.mock.motor import Shaft
+from drivers.serial.vesc_uart import Options as UartOptions
 
 
 class VescSettings(NamedTuple):
@@ -42,7 +43,7 @@ class Controller:
 class EmulatedVescs:
     """:class:`drivers.mock.adapter.CanDevice`."""
 
-    def __init__(self, options: Options, wheels: Wheels, settings: VescSettings) -> None:
+    def __init__(self, options: Options | UartOptions, wheels: Wheels, settings: VescSettings) -> None:
         self.wheels = wheels
         self.counters: Counter[str] = Counter()
         self.log = SampleLog(wheels)

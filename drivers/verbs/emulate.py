@@ -21,6 +21,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "roboclaw": {"counts_per_revolution": 2048},
     "dynamixel": {"left": 1, "right": 2},
     "vesc": {"interface": "slcan", "left": 1, "right": 2, "pole_pairs": 7, "watchdog_s": 1.0},
+    "vesc_uart": {"left": 1, "right": 2, "pole_pairs": 7, "watchdog_s": 1.0},
     "cia402": {"interface": "slcan", "left": 1, "right": 2, "counts_per_revolution": 4096},
     "ros_arduino": {"counts_per_revolution": 2048, "watchdog_s": 2.0},
 }

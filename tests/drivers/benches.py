@@ -28,6 +28,7 @@ WHEELS: dict[str, dict[str, Any]] = {
         "min_erpm": 0.0,
         "watchdog_s": 0.2,
     },
+    "vesc_uart": {"port": "/dev/null", "left": 10, "right": 11, "pole_pairs": 7, "min_erpm": 0.0, "watchdog_s": 0.2},
     "cia402": {"channel": "/dev/null", "interface": "slcan", "left": 4, "right": 5, "counts_per_revolution": 4096},
     "ros_arduino": {"port": "/dev/null", "counts_per_revolution": 2048, "watchdog_s": 0.2},
 }

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from drivers.base import ControllerFault, LinkLost, Refused, WheelSpeeds
 from drivers.mock.faults import FAULTS, FaultSettings
 
-KINDS = ("odrive", "roboclaw", "ros_arduino", "dynamixel", "vesc", "cia402")
-VOLTS = {"cia402": 24.0, "odrive": 24.0, "roboclaw": 12.0, "dynamixel": 5.0, "vesc": 24.0}
-SPEED_STEP = {"ros_arduino": 0.15, "dynamixel": 0.02, "vesc": 0.02}
+KINDS = ("odrive", "roboclaw", "ros_arduino", "dynamixel", "vesc", "vesc_uart", "cia402")
+VOLTS = {"cia402": 24.0, "odrive": 24.0, "roboclaw": 12.0, "dynamixel": 5.0, "vesc": 24.0, "vesc_uart": 24.0}
+SPEED_STEP = {"ros_arduino": 0.15, "dynamixel": 0.02, "vesc": 0.02, "vesc_uart": 0.02}
 """Resolution of the speed command and its feedback, rad/s."""
 REFUSALS = {"garbage_line", "bad_crc", "foreign_byte", "unknown_command", "gap", "invalid_command", "garbage_byte"}
 RADIUS_M = 0.03
@@ -393,7 +393,7 @@ def test_roboclaw_pitfall_38400_baud_is_refused_with_the_arithmetic() -> None:
 
 
 def test_roboclaw_watchdog_finer_than_the_device_counts_is_refused() -> None:
-    bench = Bench("roboclaw", safety={"watchdog_s": 0.05})
+    bench = Bench("roboclaw", safety={"watchdog_s": 0.05, "command_age_s": 0.04})
     with pytest.raises(Refused, match=r"counts in 0\.1 s"):
         bench.drive.configure()
 

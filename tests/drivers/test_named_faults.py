@@ -12,7 +12,7 @@ from drivers.base import ControllerFault, DriverError, LinkLost, Refused
 from drivers.lifecycle import Wheels
 
 CAN = ("odrive", "vesc", "cia402")
-SERIAL = ("roboclaw", "ros_arduino", "dynamixel")
+SERIAL = ("roboclaw", "ros_arduino", "dynamixel", "vesc_uart")
 KINDS = (*CAN, *SERIAL)
 STANDS = r"the (left|right) encoder stands still at a commanded (10\.0|-10\.0) rad/s"
 NO_TELEMETRY = r"no telemetry for 0\.5\d s although the motors are enabled"
@@ -21,6 +21,7 @@ UNDER_VOLTAGE = {
     "cia402": "left bus under-voltage, .*right bus under-voltage",
     "roboclaw": "main battery low",
     "dynamixel": "left input voltage, right input voltage",
+    "vesc_uart": "left under-voltage, right under-voltage",
     "vesc": r"under-voltage: 7\.0 V, below safety\.battery_critical_v = 10 V",
     "ros_arduino": STANDS,
 }
@@ -121,6 +122,7 @@ WRONG_ID: dict[str, tuple[Callable[[Any], None], str]] = {
     "vesc": (lambda d: setattr(d.device.controllers[1], "device", 99), r"from right \(id 11\)"),
     "cia402": (lambda d: setattr(d.device.slaves[1], "node", 99), r"no SDO answer from right \(node 5\)"),
     "roboclaw": (lambda d: setattr(d, "_address", 0x83), "no answer at address 0x80 and 115200 baud"),
+    "vesc_uart": (lambda d: setattr(d.pair.controllers[1], "device", 99), r"no values from right \(id 11\) at 115200"),
     "dynamixel": (lambda d: setattr(d.servos[1], "device", 9), "no answer from the right servo, id 2, at 1000000 baud"),
 }
 
@@ -150,6 +152,7 @@ def test_an_id_that_is_not_there_is_named(kind: str) -> None:
             {"baud": 38400},
             r"37 bytes x 10 bits / 38400 baud = 9\.6 ms a cycle, more than 80% of the 10\.0 ms",
         ),
+        ("vesc_uart", {"baud": 57600}, r"88 bytes x 10 bits / 57600 baud = 15\.3 ms a cycle, more than 80%"),
         ("dynamixel", {"baud": 57600}, r"78 bytes x 10 bits / 57600 baud = 13\.5 ms a cycle, more than 80%"),
         ("ros_arduino", {"baud": 38400}, r"43 bytes x 10 bits / 38400 baud = 11\.2 ms a cycle, more than 80%"),
     ],

@@ -15,7 +15,7 @@ from drivers.mock.ports import PtyPort
 REFUSALS = {"garbage_line", "bad_crc", "foreign_byte", "unknown_command", "garbage_byte", "invalid_command"}
 
 
-@pytest.fixture(params=["odrive", "roboclaw", "vesc", "ros_arduino", "dynamixel", "cia402"])
+@pytest.fixture(params=["odrive", "roboclaw", "vesc", "vesc_uart", "ros_arduino", "dynamixel", "cia402"])
 def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[PtyBench]:
     bench = PtyBench(request.param, tmp_path)
     yield bench
@@ -51,7 +51,7 @@ def test_both_wheels_leave_in_one_write(bench: PtyBench) -> None:
     bench.drive.write(WheelSpeeds(1.0, 2.0), time.monotonic_ns())
     (fd,) = bench.host.fds()
     data = os.read(fd, 4096)
-    size = {"odrive": 44, "roboclaw": 12, "vesc": 38, "cia402": 44, "dynamixel": 24}
+    size = {"odrive": 44, "roboclaw": 12, "vesc": 38, "cia402": 44, "dynamixel": 24, "vesc_uart": 22}
     assert len(data) == size.get(bench.host.robots[ROBOT].family.kind, data.find(b"\r") + 1)
 
 
@@ -60,7 +60,7 @@ def test_one_flipped_bit_raises_the_counter_and_turns_nothing(bench: PtyBench) -
     bench.step(0.0, 0.0)
     bench.host.samples(ROBOT)
     bench.host.fault(ROBOT, "corrupted", FaultSettings(directions=("commands",)))
-    for _ in range(5):
+    for _ in range(8):
         bench.drive.write(WheelSpeeds(9.0, 9.0), time.monotonic_ns())
         (fd,) = bench.host.fds()
         bench.host.on_readable(fd, time.monotonic_ns())
