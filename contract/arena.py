@@ -155,6 +155,13 @@ class Safety(Struct, frozen=True, forbid_unknown_fields=True):
     """STOP disables the motors after this, or as soon as the wheels rest."""
     min_distance_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.15
     """Centre distance below which the supervisor stops motion towards another robot."""
+    motion_window_s: Annotated[float, Meta(ge=0.2, le=5.0)] = 0.8
+    """Wheel feedback and poses are compared over this time."""
+    motion_way_m: Annotated[float, Meta(ge=0.02, le=2.0)] = 0.12
+    """Wheels, or a body, that went at least this far in it are judged."""
+    motion_turn_rad: Annotated[float, Meta(ge=0.1, le=10.0)] = 1.0
+    motion_share: Annotated[float, Meta(ge=0.1, le=0.9)] = 0.6
+    """The body may lack this share of the wheels' way, or turn the other way by what is left of it."""
     battery_low_v: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     battery_critical_v: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
 

@@ -9,6 +9,7 @@ from contract.arena import Arena, digest
 from contract.keys import Keys
 from contract.messages import (
     SCHEMA_VERSION,
+    BodyPose,
     FeedbackBatch,
     LinkState,
     LogEntry,
@@ -33,7 +34,8 @@ from onboard.cut import Other, cut_bounds, limit_cut
 from onboard.failsafes import Conditions
 from onboard.homing import Home, Homing
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
-from onboard.odometry import Odometry
+from onboard.motion import MotionCheck
+from onboard.odometry import Odometry, Pose
 from onboard.pacing import Pacing
 from onboard.safety import Supervisor, Verdict
 from onboard.sensing import Sensing
@@ -81,6 +83,8 @@ class Agent:
         self.homing = Homing(robot, home, parameters, self._bounds, self.pacing.period_s)
         self._going_home = False
         self._odometry = Odometry(self._separation_m)
+        self._motion = MotionCheck(arena.safety, self._separation_m)
+        self._resets = 0
         self._frame: MocapFrame | None = None
         self._frame_arrival_ns = 0
         self._advancing = False
@@ -152,7 +156,9 @@ class Agent:
             self.refuse("feedback out of range")
             return
         self._feedback = sample
-        self._odometry.record(sample.stamp_ns, sample.left_radps * self._radius_m, sample.right_radps * self._radius_m)
+        rims = sample.left_radps * self._radius_m, sample.right_radps * self._radius_m
+        self._odometry.record(sample.stamp_ns, *rims)
+        self._motion.feedback(sample.stamp_ns, *rims)
         if len(self._samples) < MAX_BATCH:
             self._samples.append(sample)
         if sample.faults and not self._driver_fault:
@@ -169,6 +175,8 @@ class Agent:
     def driver_active(self, active: bool, now_ns: int) -> None:
         """The motors are enabled (the device has confirmed it) or not."""
         self._driver_active = active
+        if not active:
+            self._motion.forget()
 
     @property
     def run_state(self) -> RunState:
@@ -212,6 +220,7 @@ class Agent:
         if verdict.may_move and verdict.enable:
             rims = unicycle.rims(cut.v_mps, cut.omega_radps, self._separation_m, self._parameters.max_speed_mps)
         self._commanded = rims
+        self._motion.command(*rims)
         self._drive = Drive(verdict.enable, rims[0] / self._radius_m, rims[1] / self._radius_m)
         self.pacing.stepped(now_ns)
         self._view, self._stepped = view, self._frame
@@ -276,8 +285,16 @@ class Agent:
         body = next((body for body in frame.bodies if body.robot == self.robot), None)
         self._pose_valid = body is not None and body.valid
         self._pose_reason = "not in the frame" if body is None else body.reason
+        self._look_at_motion(body, frame.exposure_ns)
         self.sensing.frame(frame)
         return self.pacing.frame(frame.session, frame.frame, frame.rate_hz)
+
+    def _look_at_motion(self, body: BodyPose | None, stamp_ns: int) -> None:
+        if body is None or not body.valid or body.resets != self._resets:
+            self._resets = body.resets if body is not None else self._resets
+            self._motion.forget()
+        elif self._driver_active:
+            self._motion.pose(stamp_ns, Pose(body.x_m, body.y_m, body.heading_rad))
 
     def _on_state(self, state: NeighbourState, now_ns: int) -> None:
         if state.robot == self.robot:
@@ -309,6 +326,7 @@ class Agent:
                 right_mps=right,
                 loop_last_step_ns=self._loop_ns,
                 inside_fence=own is None or inside_fence(self._bounds, own[0].x_m, own[0].y_m),
+                motion_fault=self._motion.text,
                 duplicate_id=now_ns - self._duplicate_ns < DUPLICATE_WINDOW_NS,
                 battery_v=sample.bus_v if sample else None,
             ),
@@ -338,6 +356,7 @@ class Agent:
 
     def _rest(self, verdict: Verdict) -> Drive:
         self._commanded = (0.0, 0.0)
+        self._motion.command(0.0, 0.0)
         self._drive = Drive(verdict.enable, 0.0, 0.0)
         return self._drive
 

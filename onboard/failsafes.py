@@ -135,9 +135,9 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(
         "motion_mismatch",
         "wheel feedback does not fit the poses: stuck, lifted, wrong body, swapped wheels, inverted heading",
-        "onboard/odometry.py",
+        "safety.motion_way_m or motion_turn_rad within motion_window_s, motion_share",
         "fault",
-        _NEXT,
+        "next step or tick after safety.motion_window_s",
         _RELEASE,
         "look at the robot, then at its body name, wheel order and heading offset",
         lambda s: bool(s.conditions.motion_fault),
