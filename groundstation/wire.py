@@ -79,6 +79,7 @@ class Wire:
                 continue
             clock.now_ns = now_ns
             self.emulated.robots[name].advance(now_ns)
+            self.emulated.robots[name].deliver()
             if name not in self._hung:
                 self._wheels[name].listen(now_ns)
             self.emulated.robots[name].roll()
