@@ -28,6 +28,7 @@ class Verb(NamedTuple):
 VERBS: dict[str, Verb] = {
     "demo": Verb("groundstation.demo", "run a whole mission in the mock arena, every hop real bytes", "Try"),
     "simulate": Verb("groundstation.simulate", "run many missions in lockstep virtual time", "Try"),
+    "experiment": Verb("groundstation.experiment", "run a file's trials, resumable, and aggregate them", "Try"),
     "mock-arena": Verb("groundstation.mock_arena", "emulate wheels, bodies and motion capture of an arena", "Try"),
     "arm": Verb("groundstation.orders", "let the robots' wheels be driven", "Run"),
     "start": Verb("groundstation.orders", "start the mission", "Run"),

@@ -59,6 +59,7 @@ class Occupation(NamedTuple):
     target: int
     stamp_ns: int
     robot: str
+    mission: str = ""
 
 
 class Mission(NamedTuple):
@@ -139,7 +140,7 @@ class History:
                 if not self.statuses or self.statuses[-1].phase != message.phase:
                     self.statuses.append(message)
             case TargetCloud():
-                self.cloud = message
+                self._targets(message)
             case MocapHealth():
                 self.health.append(message)
             case StopRequest():
@@ -179,6 +180,16 @@ class History:
         if not track.doing or track.doing[-1][1:] != (step.task, word, step.claim):
             track.doing.append(Doing(step.step_ns, step.task, word, step.claim))
 
+    def _targets(self, cloud: TargetCloud) -> None:
+        """The newest targets up to the start; those of a later mission belong to another run."""
+        old = self.cloud
+        if old is None or cloud.mission != old.mission:
+            if old is not None and any(status.phase == "running" for status in self.statuses):
+                return
+            mission = ("", cloud.mission)
+            self.occupations = {k: entry for k, entry in self.occupations.items() if entry.mission in mission}
+        self.cloud = cloud
+
     def _state(self, state: NeighbourState) -> None:
         if self.cloud is not None and state.mission not in ("", self.cloud.mission):
             return
@@ -191,7 +202,7 @@ class History:
             bits &= bits - 1
             known = self.occupations.get(target)
             if known is None or state.stamp_ns < known.stamp_ns:
-                self.occupations[target] = Occupation(target, state.stamp_ns, state.robot)
+                self.occupations[target] = Occupation(target, state.stamp_ns, state.robot, state.mission)
 
     def _report(self, report: RobotReport) -> None:
         kept = self.tracks[report.robot].reports

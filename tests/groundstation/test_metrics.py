@@ -1,19 +1,23 @@
 """Metrics: worked by hand for a made-up run, the same live and from the file, and lawful."""
 
 import math
+from operator import itemgetter
 from pathlib import Path
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from contract.arena import Arena
+from contract.keys import Keys
+from contract.messages import NeighbourState, TargetCloud
 from groundstation import cli
 from groundstation.history import History
 from groundstation.metrics import Metrics, compute, encode, failures
 from groundstation.runfolder import read
-from tests.groundstation.runs import Place, Sent, arena_of, chain, mission, northward, record
+from tests.groundstation.runs import MS, START_NS, Place, Sent, arena_of, chain, mission, northward, record
 
 
 def judge(arena: Arena, sent: list[Sent]) -> Metrics:
@@ -201,3 +205,24 @@ def test_metrics_json_has_what_others_rely_on(folder: Path) -> None:
     } <= table.keys()  # fmt: skip
     assert {"p50", "p99", "max"} <= table["pose_to_wheel_ms"].keys()
     assert {"rate_hz", "p99_jitter_ms", "deadline_misses"} <= table["loop"]["r01"].keys()
+
+
+def test_what_robots_say_of_another_mission_is_not_this_ones() -> None:
+    arena = arena_of()
+    plain = mission(arena)
+    keys = Keys(arena.arena.name)
+    spoken = [(k, m) for k, m, _ in plain if isinstance(m, NeighbourState)]
+    ours = [(k, replace(m, mission="made") if isinstance(m, NeighbourState) else m, t) for k, m, t in plain]
+    old = [(k, replace(m, mission="before", stamp_ns=1), START_NS - 60 * MS) for k, m in spoken]
+    later = [(k, replace(m, mission="after", occupied="ff", stamp_ns=2), START_NS + 5 * MS) for k, m in spoken]
+    cloud = (keys.targets, TargetCloud(mission="after", targets=()), START_NS + 4 * MS)
+    expected = None
+    for sent in (ours, [*old, *ours], [*ours, cloud, *later], sorted([*old, *ours, cloud, *later], key=itemgetter(2))):
+        history = History(arena)
+        for _, message, _ in sent:
+            history.receive(message)
+        found = compute(history)
+        assert found is not None
+        assert found.completed
+        assert expected in (None, found)
+        expected = found

@@ -23,6 +23,8 @@ MAY_IMPORT_ROOMS = {
     "groundstation/mock_arena.py": EVERY_ROOM,
     "groundstation/replaying.py": {"contract", "onboard"},
     "groundstation/rig.py": EVERY_ROOM,
+    "groundstation/stage_mock.py": {"contract", "drivers"},
+    "groundstation/stage_robots.py": {"contract", "drivers"},
     "groundstation/wire.py": EVERY_ROOM,
 }
 """onboard/runtime.py turns wheels; rig.py and mock_arena.py compose a mission's processes; hops.py, lockstep.py and
@@ -46,6 +48,7 @@ SHELLS = (
     "mocap_bridge/verbs/*.py",
     "groundstation/conduct.py",
     "groundstation/demo.py",
+    "groundstation/errands.py",
     "groundstation/link.py",
     "groundstation/mock_arena.py",
     "groundstation/orders.py",
@@ -58,6 +61,7 @@ SHELLS = (
     "groundstation/rig.py",
     "groundstation/runwriter.py",
     "groundstation/simulate.py",
+    "groundstation/stage_robots.py",
     "groundstation/sweep.py",
     "groundstation/watch.py",
 )
