@@ -15,11 +15,18 @@ class Pose(NamedTuple):
 
 def advance(pose: Pose, speed_mps: float, turn_rate_radps: float, duration_s: float) -> Pose:
     """The pose after constant speed and turn rate (exact arc)."""
+    return Pose(*_arc(*pose, speed_mps, turn_rate_radps, duration_s))
+
+
+def _arc(
+    x_m: float, y_m: float, heading_rad: float, speed_mps: float, turn_rate_radps: float, duration_s: float
+) -> tuple[float, float, float]:
     turn = turn_rate_radps * duration_s
     way = speed_mps * duration_s
-    chord = way if abs(turn) < 1e-6 else way * math.sin(turn / 2) / (turn / 2)
-    middle = pose.heading_rad + turn / 2
-    return Pose(pose.x_m + chord * math.cos(middle), pose.y_m + chord * math.sin(middle), pose.heading_rad + turn)
+    half = turn / 2
+    chord = way if -1e-6 < turn < 1e-6 else way * math.sin(half) / half
+    middle = heading_rad + half
+    return (x_m + chord * math.cos(middle), y_m + chord * math.sin(middle), heading_rad + turn)
 
 
 class Odometry:
@@ -49,18 +56,30 @@ class Odometry:
         history = self._history
         if not history or to_ns <= from_ns:
             return pose
-        start = len(history) - 1
-        while start > 0 and history[start][0] > from_ns:
-            start -= 1
-        for index in range(start, len(history)):
-            stamp_ns, left, right = history[index]
-            begin = max(from_ns, stamp_ns) if index > start else from_ns
-            end = to_ns
-            if index + 1 < len(history):
-                next_ns, next_left, next_right = history[index + 1]
-                end = min(to_ns, next_ns)
-                share = min(1.0, max(0.0, ((begin + end) / 2 - stamp_ns) / (next_ns - stamp_ns)))
-                left, right = left + share * (next_left - left), right + share * (next_right - right)
+        later: list[tuple[int, float, float]] = []
+        for sample in reversed(history):
+            if sample[0] <= from_ns:
+                break
+            later.append(sample)
+        else:
+            later.pop()
+        stamp_ns, left, right = sample
+        separation_m = self._separation_m
+        place: tuple[float, float, float] = pose
+        begin = from_ns
+        while later and begin < to_ns:
+            next_ns, next_left, next_right = sample = later.pop()
+            end = next_ns if next_ns < to_ns else to_ns
+            share = ((begin + end) / 2 - stamp_ns) / (next_ns - stamp_ns)
+            if share < 0.0:
+                share = 0.0
+            elif share > 1.0:
+                share = 1.0
+            left, right = left + share * (next_left - left), right + share * (next_right - right)
             if end > begin:
-                pose = advance(pose, (left + right) / 2, (right - left) / self._separation_m, (end - begin) * 1e-9)
-        return pose
+                place = _arc(*place, (left + right) / 2, (right - left) / separation_m, (end - begin) * 1e-9)
+            stamp_ns, left, right = sample
+            begin = next_ns
+        if begin < to_ns:
+            place = _arc(*place, (left + right) / 2, (right - left) / separation_m, (to_ns - begin) * 1e-9)
+        return Pose(*place)

@@ -7,7 +7,7 @@ farther away than r_c are not heard (the virtual radio), targets within r_c are 
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from msgspec.structs import replace
 
@@ -19,17 +19,35 @@ VELOCITY_BASE_NS = 40_000_000
 """Velocities are differences over at least this long: shorter ones are mostly noise."""
 FORGET_NS = 3_000_000_000
 """A robot not seen for this long is no longer where it was."""
+NEAR_M = 0.2
+"""A robot that has moved farther than this in x or y looks through the whole cloud for targets again."""
+NOWHERE = (math.inf, math.inf)
 
 
-class Track(NamedTuple):
-    """Valid poses of one body."""
+@dataclass(slots=True)
+class Track:
+    """Valid poses of one body: the newest, and the one its velocity is counted from."""
 
     stamp_ns: int
-    pose: Pose
+    x_m: float
+    y_m: float
     base_ns: int
-    base: Pose
-    vx_mps: float
-    vy_mps: float
+    base_x_m: float
+    base_y_m: float
+    vx_mps: float = 0.0
+    vy_mps: float = 0.0
+
+    def extend(self, stamp_ns: int, x_m: float, y_m: float) -> None:
+        """Take a newer valid position."""
+        span_ns = stamp_ns - self.base_ns
+        if stamp_ns < self.stamp_ns or stamp_ns - self.stamp_ns > 10 * VELOCITY_BASE_NS:
+            self.vx_mps = self.vy_mps = 0.0
+            self.base_ns, self.base_x_m, self.base_y_m = stamp_ns, x_m, y_m
+        elif span_ns >= VELOCITY_BASE_NS:
+            span_s = span_ns * 1e-9
+            self.vx_mps, self.vy_mps = (x_m - self.base_x_m) / span_s, (y_m - self.base_y_m) / span_s
+            self.base_ns, self.base_x_m, self.base_y_m = stamp_ns, x_m, y_m
+        self.stamp_ns, self.x_m, self.y_m = stamp_ns, x_m, y_m
 
 
 class Sensing:
@@ -39,9 +57,13 @@ class Sensing:
         self.robot = robot
         self._radius_m = sensing_radius_m
         self._silence_ns = int(silence_s * 1e9)
-        self._tracks: dict[str, Track] = {}
+        self._own: tuple[Pose, int] | None = None
+        self._others: dict[str, Track] = {}
         self._heard: dict[str, tuple[NeighbourState, int]] = {}
         self._cloud: dict[int, tuple[float, float]] = {}
+        self._near: list[tuple[int, tuple[float, float]]] = []
+        """Targets that can be within r_c while the robot is within ``NEAR_M`` of ``_near_of``, in either axis."""
+        self._near_of = NOWHERE
         self.mission = ""
         """Of the cloud."""
         self._newest_ns = 0
@@ -50,20 +72,27 @@ class Sensing:
 
     def frame(self, frame: MocapFrame) -> None:
         """Take the valid poses of one frame."""
-        self._newest_ns = frame.exposure_ns
+        self._newest_ns = stamp_ns = frame.exposure_ns
+        others = self._others
         for body in frame.bodies:
-            if body.valid:
-                pose = Pose(body.x_m, body.y_m, body.heading_rad)
-                self._tracks[body.robot] = _extend(self._tracks.get(body.robot), pose, frame.exposure_ns)
+            if not body.valid:
+                continue
+            name = body.robot
+            if name == self.robot:
+                self._own = (Pose(body.x_m, body.y_m, body.heading_rad), stamp_ns)
+            elif name in others:
+                others[name].extend(stamp_ns, body.x_m, body.y_m)
+            else:
+                others[name] = Track(stamp_ns, body.x_m, body.y_m, stamp_ns, body.x_m, body.y_m)
 
     def own(self) -> tuple[Pose, int] | None:
         """Own last valid pose and its exposure time, site ns."""
-        track = self._tracks.get(self.robot)
-        return None if track is None else (track.pose, track.stamp_ns)
+        return self._own
 
     def cloud(self, cloud: TargetCloud) -> bool:
         """Take the targets; True where they are another mission's, so that all that was known of targets is void."""
         self._cloud = {target.index: (target.x_m, target.y_m) for target in cloud.targets}
+        self._near_of = NOWHERE
         new = cloud.mission != self.mission
         if new:
             self.mission = cloud.mission
@@ -72,8 +101,11 @@ class Sensing:
 
     def in_range(self, robot: str) -> bool:
         """Whether the virtual radio reaches that robot: both seen, at most r_c apart."""
-        own, other = self._tracks.get(self.robot), self._tracks.get(robot)
-        return own is not None and other is not None and math.dist(own.pose[:2], other.pose[:2]) <= self._radius_m
+        own, other = self._own, self._others.get(robot)
+        if own is None or other is None:
+            return False
+        x, y, _ = own[0]
+        return math.hypot(x - other.x_m, y - other.y_m) <= self._radius_m
 
     def state(self, state: NeighbourState, now_ns: int) -> bool:
         """Take a neighbour's message; False where it is out of range, or not newer than the last."""
@@ -88,32 +120,50 @@ class Sensing:
 
     def sighted(self, own: Pose, now_ns: int) -> dict[str, Sighted]:
         """Robots within r_c of ``own``, at their last valid pose; those unseen for 3 s are left out."""
+        own_x, own_y, _ = own
+        radius_m, newest_ns = self._radius_m, self._newest_ns
         result = {}
-        for name, track in self._tracks.items():
-            if name == self.robot or now_ns - track.stamp_ns > FORGET_NS:
-                continue
-            if math.dist(own[:2], track.pose[:2]) <= self._radius_m:
-                age_s = max(0.0, (now_ns - track.stamp_ns) * 1e-9)
-                valid = track.stamp_ns >= self._newest_ns
-                result[name] = Sighted(track.pose[0], track.pose[1], track.vx_mps, track.vy_mps, age_s, valid)
+        for name, track in self._others.items():
+            x, y = track.x_m, track.y_m
+            if math.hypot(own_x - x, own_y - y) <= radius_m:
+                stamp_ns = track.stamp_ns
+                age_ns = now_ns - stamp_ns
+                if age_ns <= FORGET_NS:
+                    age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
+                    result[name] = Sighted(x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
         return result
 
     def heard(self, sighted: Iterable[str], now_ns: int) -> dict[str, Heard]:
         """Newest message of every sighted robot that has spoken."""
+        silence_ns, known = self._silence_ns, self._heard
         result = {}
         for name in sighted:
-            entry = self._heard.get(name)
-            if entry is not None:
-                state, arrival_ns = entry
-                age_s = max(0.0, (now_ns - state.stamp_ns) * 1e-9)
-                result[name] = Heard(state, age_s, now_ns - arrival_ns > self._silence_ns)
+            if name in known:
+                state, arrival_ns = known[name]
+                age_ns = now_ns - state.stamp_ns
+                age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
+                result[name] = Heard(state, age_s, now_ns - arrival_ns > silence_ns)
         return result
 
     def targets(self, own: Pose) -> dict[int, tuple[float, float]]:
         """Targets within r_c of ``own``."""
-        x, y = own[0], own[1]
+        x, y, _ = own
+        near_x, near_y = self._near_of
+        if not (abs(x - near_x) <= NEAR_M and abs(y - near_y) <= NEAR_M):
+            self._near_of = (x, y)
+            reach_m = self._radius_m + 2 * NEAR_M
+            self._near = [
+                (index, place)
+                for index, place in self._cloud.items()
+                if abs(place[0] - x) <= reach_m and abs(place[1] - y) <= reach_m
+            ]
         square = self._radius_m * self._radius_m
-        return {k: p for k, p in self._cloud.items() if (p[0] - x) ** 2 + (p[1] - y) ** 2 <= square}
+        result = {}
+        for index, place in self._near:
+            dx, dy = place[0] - x, place[1] - y
+            if dx * dx + dy * dy <= square:
+                result[index] = place
+        return result
 
 
 def without_targets(state: NeighbourState) -> NeighbourState:
@@ -122,14 +172,3 @@ def without_targets(state: NeighbourState) -> NeighbourState:
         state, task="free", claim=-1, claim_at=None, indicator=False, hops=1000, cloud_seen=False, occupied="",
         sightings=(), help=None,
     )  # fmt: skip
-
-
-def _extend(track: Track | None, pose: Pose, stamp_ns: int) -> Track:
-    if track is None or stamp_ns - track.stamp_ns > 10 * VELOCITY_BASE_NS or stamp_ns < track.stamp_ns:
-        return Track(stamp_ns, pose, stamp_ns, pose, 0.0, 0.0)
-    span_ns = stamp_ns - track.base_ns
-    if span_ns < VELOCITY_BASE_NS:
-        return track._replace(stamp_ns=stamp_ns, pose=pose)
-    vx = (pose[0] - track.base[0]) / (span_ns * 1e-9)
-    vy = (pose[1] - track.base[1]) / (span_ns * 1e-9)
-    return Track(stamp_ns, pose, stamp_ns, pose, vx, vy)
