@@ -113,10 +113,12 @@ def roll_m(v_mps: float, command_mps: float, bounds: Bounds) -> float:
     Both speeds are along the direction of interest and not negative. Speeding up is judged with the
     strongest drive, braking with the weakest brake.
     """
-    weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
-    strong = bounds.deceleration_mps2[1], bounds.lag_s[0]
-    distance, speed = respond(v_mps, command_mps, bounds.reaction_s, *(strong if command_mps > v_mps else weak))
-    return distance + stop_m(speed, *weak)
+    (weak, strong), (quick, slow) = bounds.deceleration_mps2, bounds.lag_s
+    if command_mps > v_mps:
+        distance, speed = respond(v_mps, command_mps, bounds.reaction_s, strong, quick)
+    else:
+        distance, speed = respond(v_mps, command_mps, bounds.reaction_s, weak, slow)
+    return distance + stop_m(speed, weak, slow)
 
 
 def limit(
@@ -132,49 +134,66 @@ def limit(
     :param pose: own x m, y m, heading rad, dead-reckoned to now.
     :param wheels_mps: measured rim speeds, left and right.
     """
-    if not (math.isfinite(v_mps) and math.isfinite(omega_radps) and all(map(math.isfinite, (*pose, *wheels_mps)))):
+    x, y, heading = pose
+    left, right = wheels_mps
+    if not math.isfinite(v_mps + omega_radps + x + y + heading + left + right):
         return Limited(0.0, 0.0, "not finite")
     if v_mps == 0.0:
         return Limited(0.0, omega_radps, "")
-    direction = math.copysign(1.0, v_mps)
-    arc = _Arc(v_mps, omega_radps, pose[2], wheels_mps, bounds)
-    allowed, by = 1.0, ""
-    for away, gap, theirs, name in _obstacles(pose, neighbours, bounds):
-        if (gap if name == "fence" else (gap - theirs) / 2) >= arc.most_m:
-            continue
-        towards = arc.towards(math.atan2(away[1], away[0]))
+    arc = _Arc(v_mps, omega_radps, heading, left, right, bounds)
+    near = _walls(x, y, bounds.fence, arc.most_m)
+    near += _robots(x, y, neighbours, bounds, arc.most_m)
+    if not near:
+        return Limited(v_mps, omega_radps, "")
+    allowed, by, least_m = 1.0, "", math.inf
+    for away_x, away_y, gap, theirs, name in near:
+        towards = arc.towards(math.atan2(away_y, away_x))
         if towards <= 0.0:
             continue
-        share = gap if name == "fence" else (gap + towards * arc.committed_m - theirs) / 2
-        fraction = arc.fraction(max(share, 0.0) / towards)
-        if fraction < allowed:
-            allowed, by = fraction, name
+        share = gap if name == "fence" else (gap + towards * arc.committed_m() - theirs) / 2
+        room_m = max(share, 0.0) / towards
+        if room_m < least_m:
+            least_m = room_m
+            fraction = arc.fraction(room_m)
+            if fraction < allowed:
+                allowed, by = fraction, name
     if not by:
         return Limited(v_mps, omega_radps, "")
     speed = allowed * abs(v_mps)
-    moving = max(abs(wheels_mps[0]), abs(wheels_mps[1])) > REST_MPS
+    moving = max(abs(left), abs(right)) > REST_MPS
     omega = omega_radps * allowed if speed > 0.0 or moving else omega_radps
-    return Limited(direction * speed, omega, by)
+    return Limited(math.copysign(1.0, v_mps) * speed, omega, by)
 
 
 class _Arc:
     """How far, and into which directions, one command and the brake after it can take this robot."""
 
     def __init__(
-        self, v_mps: float, omega_radps: float, heading_rad: float, wheels_mps: tuple[float, float], bounds: Bounds
+        self, v_mps: float, omega_radps: float, heading_rad: float, left_mps: float, right_mps: float, bounds: Bounds
     ) -> None:
-        sign = 1.0 if v_mps > 0 else -1.0
         half = bounds.separation_m / 2
+        turning = half * omega_radps
+        if v_mps > 0:
+            rims = left_mps, right_mps, v_mps - turning, v_mps + turning
+        else:
+            rims = -left_mps, -right_mps, turning - v_mps, -turning - v_mps
+            heading_rad += math.pi
+        left, right, command_left, command_right = rims
         self._bounds = bounds
-        self._commands = tuple(max(0.0, sign * v_mps + side * half * omega_radps) for side in (-sign, sign))
-        self._speeds = tuple(max(0.0, sign * wheel) for wheel in wheels_mps)
-        weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
-        self.committed_m = sum(stop_m(speed, *weak) for speed in self._speeds) / 2
-        self._heading = heading_rad if sign > 0 else heading_rad + math.pi
-        self._turning = (wheels_mps[1] - wheels_mps[0]) / (2 * half), omega_radps
+        self._left = left if left > 0.0 else 0.0
+        self._right = right if right > 0.0 else 0.0
+        self._command_left = command_left if command_left > 0.0 else 0.0
+        self._command_right = command_right if command_right > 0.0 else 0.0
+        self._heading = heading_rad
+        self._turning = (right_mps - left_mps) / (2 * half), omega_radps
         self.most_m = self._rolled(1.0)
         """How far the command as asked, then braking, can get."""
         self._turns: tuple[float, float] | None = None
+
+    def committed_m(self) -> float:
+        """Stopping distance of what the wheels do already."""
+        deceleration, lag = self._bounds.deceleration_mps2[0], self._bounds.lag_s[1]
+        return (stop_m(self._left, deceleration, lag) + stop_m(self._right, deceleration, lag)) / 2
 
     def _turn(self, rate_radps: float) -> float:
         """Angle turned at most: rate kept for the reaction time, then braked (rim: rate * b / 2)."""
@@ -209,31 +228,54 @@ class _Arc:
         return low
 
     def _rolled(self, fraction: float) -> float:
-        pairs = zip(self._speeds, self._commands, strict=True)
-        return sum(roll_m(speed, fraction * command, self._bounds) for speed, command in pairs) / 2
+        bounds = self._bounds
+        left_m = roll_m(self._left, fraction * self._command_left, bounds)
+        return (left_m + roll_m(self._right, fraction * self._command_right, bounds)) / 2
 
 
-def _obstacles(
-    pose: tuple[float, float, float],
+Obstacle = tuple[float, float, float, float, str]
+"""Direction x and y, gap m, its stopping distance towards us m, name."""
+
+
+def _walls(x: float, y: float, fence: tuple[float, float, float, float], most_m: float) -> list[Obstacle]:
+    """The sides of the fence nearer than ``most_m``."""
+    low_x, low_y, high_x, high_y = fence
+    near: list[Obstacle] = []
+    if x - low_x < most_m:
+        near.append((-1.0, 0.0, x - low_x, 0.0, "fence"))
+    if y - low_y < most_m:
+        near.append((0.0, -1.0, y - low_y, 0.0, "fence"))
+    if high_x - x < most_m:
+        near.append((1.0, 0.0, high_x - x, 0.0, "fence"))
+    if high_y - y < most_m:
+        near.append((0.0, 1.0, high_y - y, 0.0, "fence"))
+    return near
+
+
+def _robots(
+    x: float,
+    y: float,
     neighbours: Sequence[Neighbour | tuple[float, float, float, float, float]],
     bounds: Bounds,
-) -> list[tuple[tuple[float, float], float, float, str]]:
-    """(direction, gap m, its stopping distance towards us m, name) of everything to keep off."""
-    x, y = pose[0], pose[1]
-    low_x, low_y, high_x, high_y = bounds.fence
-    obstacles = [
-        ((-1.0, 0.0), x - low_x, 0.0, "fence"),
-        ((0.0, -1.0), y - low_y, 0.0, "fence"),
-        ((1.0, 0.0), high_x - x, 0.0, "fence"),
-        ((0.0, 1.0), high_y - y, 0.0, "fence"),
-    ]
-    weak = bounds.deceleration_mps2[0], bounds.lag_s[1]
+    most_m: float,
+) -> list[Obstacle]:
+    """The robots that a roll of ``most_m`` would come too near to."""
+    (weak, strong), (_, slow) = bounds.deceleration_mps2, bounds.lag_s
+    min_distance_m = bounds.min_distance_m
+    near: list[Obstacle] = []
     for other_x, other_y, vx, vy, age_s in neighbours:
         away_x, away_y = other_x - x, other_y - y
         distance = math.hypot(away_x, away_y)
-        closing = max(0.0, -(vx * away_x + vy * away_y) / distance) if distance > 0 else math.hypot(vx, vy)
-        age_s = min(max(age_s, 0.0), MAX_AGE_S)
-        unseen = closing * age_s + bounds.deceleration_mps2[1] * age_s * age_s / 2
-        gap = distance - bounds.min_distance_m - unseen
-        obstacles.append(((away_x, away_y), gap, stop_m(closing, *weak), "separation"))
-    return obstacles
+        closing = -(vx * away_x + vy * away_y) / distance if distance > 0 else math.hypot(vx, vy)
+        if not closing > 0.0:
+            closing = 0.0
+        if not age_s > 0.0:
+            age_s = 0.0
+        elif age_s > MAX_AGE_S:
+            age_s = MAX_AGE_S
+        unseen = closing * age_s + strong * age_s * age_s / 2
+        gap = distance - min_distance_m - unseen
+        theirs = stop_m(closing, weak, slow)
+        if (gap - theirs) / 2 < most_m:
+            near.append((away_x, away_y, gap, theirs, "separation"))
+    return near
