@@ -12,6 +12,8 @@ SHARPNESS_PER_M = 30.0
 """zeta: how fast separation fades beyond r_a."""
 REAR_WEIGHT = 0.5
 """mu: weight of a robot straight behind, against 1 straight ahead."""
+FADED_M = 0.3
+"""Separation is naught farther than this beyond r_a."""
 SIDE_STEP = 0.3
 """Share of the separation that turns to the right-hand side, so that head-on robots pass."""
 
@@ -30,16 +32,20 @@ def separation(own: Vector, others: Iterable[Vector], ahead: Vector, avoidance_r
 
     ``ahead`` is the unit direction of travel, (0, 0) where there is none. Coincident robots part along x.
     """
+    x, y = own
+    ahead_x, ahead_y = ahead
+    range_m = avoidance_radius_m + FADED_M
     ux = uy = 0.0
-    for other in others:
-        dx, dy = other[0] - own[0], other[1] - own[1]
+    for other_x, other_y in others:
+        dx, dy = other_x - x, other_y - y
         distance = math.hypot(dx, dy)
-        if distance > avoidance_radius_m + 0.3:
+        if distance > range_m:
             continue
         rx, ry = (dx / distance, dy / distance) if distance > 1e-9 else (1.0, 0.0)
-        cosine = rx * ahead[0] + ry * ahead[1]
+        cosine = rx * ahead_x + ry * ahead_y
         weight = REAR_WEIGHT + (1 - REAR_WEIGHT) * (1 + cosine) / 2
-        push = weight * math.exp(min(5.0, SHARPNESS_PER_M * (avoidance_radius_m - distance)))
+        fade = SHARPNESS_PER_M * (avoidance_radius_m - distance)
+        push = weight * math.exp(fade if fade < 5.0 else 5.0)
         ux += push * (-rx + SIDE_STEP * ry)
         uy += push * (-ry - SIDE_STEP * rx)
     return saturate((ux, uy))
@@ -54,13 +60,14 @@ def alignment(own: Vector, goal: Vector, speed_share: float = 1.0) -> Vector:
 
 def velocity(parts: tuple[Vector, Vector, Vector], weights: tuple[float, float, float], max_speed_mps: float) -> Vector:
     """u_i of eq. 12, m/s: alpha u_c + beta u_s + gamma u_a, saturated at u_max."""
-    x = sum(weight * part[0] for weight, part in zip(weights, parts, strict=True))
-    y = sum(weight * part[1] for weight, part in zip(weights, parts, strict=True))
-    x, y = saturate((x, y))
+    (cx, cy), (sx, sy), (ax, ay) = parts
+    alpha, beta, gamma = weights
+    x, y = saturate((alpha * cx + beta * sx + gamma * ax, alpha * cy + beta * sy + gamma * ay))
     return (x * max_speed_mps, y * max_speed_mps)
 
 
 def saturate(vector: Vector, limit: float = 1.0) -> Vector:
     """The vector, shortened to ``limit`` where it is longer."""
-    length = math.hypot(*vector)
-    return vector if length <= limit else (vector[0] * limit / length, vector[1] * limit / length)
+    x, y = vector
+    length = math.hypot(x, y)
+    return vector if length <= limit else (x * limit / length, y * limit / length)

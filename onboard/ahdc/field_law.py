@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 
-from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
+from onboard.ahdc.behaviour import FADED_M, alignment, saturate, separation, velocity
 from onboard.ahdc.links import Link, LinkTable
 from onboard.ahdc.parameters import Parameters, Vector
-from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, Command, Partner, Planner, Room
+from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, Command, Partner, Planner, Room, make_disc
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_tables
 from onboard.ahdc.view import Goal, View
 
@@ -102,25 +102,26 @@ class FieldLaw:
     def partners(self, view: View) -> list[Partner]:
         """Every robot the plan must respect, with its stop points as announced or, unheard, as seen."""
         partners = []
-        for name, sighted in view.sighted.items():
-            heard = view.heard.get(name)
-            age_s = min(sighted.age_s, MAX_AGE_S)
-            x, y = sighted.x_m + sighted.vx_mps * age_s, sighted.y_m + sighted.vy_mps * age_s
-            enforced = self.links.enforces(name)
-            if heard is None:
-                stops = self._unheard_stops((x, y), (sighted.vx_mps, sighted.vy_mps))
-                partners.append(Partner(name, enforced, x, y, stops, stops, sighted.age_s, False))
+        links, messages = self.links, view.heard
+        for name, (seen_x, seen_y, vx, vy, seen_age_s, _) in view.sighted.items():
+            ahead_s = seen_age_s if seen_age_s < MAX_AGE_S else MAX_AGE_S
+            x, y = seen_x + vx * ahead_s, seen_y + vy * ahead_s
+            enforced = links.enforces(name)
+            if name not in messages:
+                stops = self._unheard_stops((x, y), (vx, vy))
+                partners.append(Partner(name, enforced, x, y, stops, stops, seen_age_s, False))
                 continue
-            state = heard.state
-            carry_s = min(heard.age_s, MAX_AGE_S)
+            state, age_s, silent = messages[name]
+            carry_s = age_s if age_s < MAX_AGE_S else MAX_AGE_S
             dx, dy = state.vx_mps * carry_s, state.vy_mps * carry_s
-            long: tuple[Vector, ...] = (state.stop_long,)
-            short: tuple[Vector, ...] = (state.stop_short,)
+            long, short = state.stop_long, state.stop_short
+            long_stops: tuple[Vector, ...] = (long,)
+            short_stops: tuple[Vector, ...] = (short,)
             if abs(dx) + abs(dy) > SAME_PLACE_M:
-                long = (state.stop_long, (state.stop_long[0] + dx, state.stop_long[1] + dy))
-                short = (state.stop_short, (state.stop_short[0] + dx, state.stop_short[1] + dy))
-            resting = not state.moving and not heard.silent
-            partners.append(Partner(name, enforced, x, y, long, short, heard.age_s, resting))
+                long_stops = (long, (long[0] + dx, long[1] + dy))
+                short_stops = (short, (short[0] + dx, short[1] + dy))
+            resting = not state.moving and not silent
+            partners.append(Partner(name, enforced, x, y, long_stops, short_stops, age_s, resting))
         return partners
 
     def _unheard_stops(self, place: Vector, v: Vector) -> tuple[Vector, ...]:
@@ -154,59 +155,68 @@ class FieldLaw:
     def velocity(self, goal: Goal, room: Room, partners: Sequence[Partner]) -> Vector:
         """Eq. 12 without cohesion, kept out of head-on courses and inside the link discs."""
         p = self._parameters
-        own = (room.motion.x_m, room.motion.y_m)
+        own = room.motion[:2]
         left_m = math.dist(own, goal.point) - goal.stop_short_m
         if left_m <= 0.0:
             return (0.0, 0.0)
-        share = min(1.0, speed_for_stop_mps(left_m, self._approach) / p.max_speed_mps)
+        share = speed_for_stop_mps(left_m, self._approach) / p.max_speed_mps
         wanted = alignment(own, goal.point)
-        near = [(partner.x_m, partner.y_m) for partner in partners]
-        aligned = (wanted[0] * share, wanted[1] * share)
-        parts = ((0.0, 0.0), separation(own, near, wanted, p.avoidance_radius_m), aligned)
+        aligned = (wanted[0] * share, wanted[1] * share) if share < 1.0 else wanted
+        range_m = p.avoidance_radius_m + FADED_M
+        near = [
+            (partner.x_m, partner.y_m)
+            for partner, distance in zip(partners, room.distances, strict=True)
+            if distance <= range_m
+        ]
+        apart = separation(own, near, wanted, p.avoidance_radius_m) if near else (0.0, 0.0)
+        parts = ((0.0, 0.0), apart, aligned)
         u = velocity(parts, (0.0, p.separation_weight, p.alignment_weight), p.max_speed_mps)
-        u = keep_closing_slow(u, own, partners)
+        u = keep_closing_slow(u, room, partners)
         return into_discs(u, room)
 
 
 def into_discs(u: Vector, room: Room) -> Vector:
     """The velocity nearest to ``u`` whose way in T_p stays in every link disc, by cyclic projection."""
+    ux, uy = u
+    speed = math.hypot(ux, uy)
+    way_m = 2 * (speed * LOOK_AHEAD_S)
     start = room.brakes[0]
-    move_m = math.hypot(*u) * LOOK_AHEAD_S
-    discs = [
-        (disc.middle, disc.radius_m) if disc.inside else (disc.partner, disc.gap_m)
-        for disc in (*room.long, *room.far)
-        if disc.gap_m + 2 * move_m > 2 * disc.radius_m
-    ]
-    x, y = start[0] + u[0] * LOOK_AHEAD_S, start[1] + u[1] * LOOK_AHEAD_S
+    discs = [disc for disc in room.long if disc.gap_m + way_m > 2 * disc.radius_m]
+    discs += [make_disc(start, point, diameter) for gap, diameter, point in room.far if gap + way_m > diameter]
+    x, y = start[0] + ux * LOOK_AHEAD_S, start[1] + uy * LOOK_AHEAD_S
     for _ in range(4 if discs else 0):
         moved = False
-        for (cx, cy), radius in discs:
+        for _, partner, radius, middle, gap, inside in discs:
+            (cx, cy), radius = (middle, radius) if inside else (partner, gap)
             distance = math.hypot(x - cx, y - cy)
             if distance > radius:
                 x, y = cx + (x - cx) * radius / distance, cy + (y - cy) * radius / distance
                 moved = True
         if not moved:
             break
-    new = ((x - start[0]) / LOOK_AHEAD_S, (y - start[1]) / LOOK_AHEAD_S)
-    if new[0] * u[0] + new[1] * u[1] <= 0.0:
+    new_x, new_y = (x - start[0]) / LOOK_AHEAD_S, (y - start[1]) / LOOK_AHEAD_S
+    if new_x * ux + new_y * uy <= 0.0:
         return (0.0, 0.0)
-    return saturate(new, math.hypot(*u))
+    return saturate((new_x, new_y), speed)
 
 
-def keep_closing_slow(u: Vector, own: Vector, partners: Sequence[Partner]) -> Vector:
+def keep_closing_slow(u: Vector, room: Room, partners: Sequence[Partner]) -> Vector:
     """Half-planes u.n <= k (d - contact) / T towards near robots; part of what is cut becomes a side-step."""
-    for partner in partners:
-        dx, dy = partner.x_m - own[0], partner.y_m - own[1]
-        distance = math.hypot(dx, dy)
+    ux, uy = u
+    own_x, own_y = room.motion[:2]
+    for partner, distance in zip(partners, room.distances, strict=True):
         if not 1e-9 < distance < YIELD_RANGE_M:
             continue
-        nx, ny = dx / distance, dy / distance
+        nx, ny = (partner.x_m - own_x) / distance, (partner.y_m - own_y) / distance
         share = 1.0 if partner.resting else 0.5
-        excess = u[0] * nx + u[1] * ny - share * max(0.0, distance - CONTACT_M) / CLOSING_TIME_S
+        excess = ux * nx + uy * ny - share * max(0.0, distance - CONTACT_M) / CLOSING_TIME_S
         if excess > 0:
-            u = (u[0] - excess * nx + 0.3 * excess * ny, u[1] - excess * ny - 0.3 * excess * nx)
-    return u
+            ux, uy = ux - excess * nx + 0.3 * excess * ny, uy - excess * ny - 0.3 * excess * nx
+    return (ux, uy)
 
 
 def clip(turn_rate_radps: float) -> float:
-    return max(-ON_THE_SPOT_RADPS, min(ON_THE_SPOT_RADPS, turn_rate_radps))
+    """Limited to what a robot turns on the spot."""
+    if turn_rate_radps > ON_THE_SPOT_RADPS:
+        return ON_THE_SPOT_RADPS
+    return turn_rate_radps if turn_rate_radps > -ON_THE_SPOT_RADPS else -ON_THE_SPOT_RADPS

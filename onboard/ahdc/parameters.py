@@ -1,6 +1,6 @@
 """Section IV-A's parameters under their code names, taken from a checked arena file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from contract.arena import Arena
 
@@ -43,15 +43,14 @@ class Parameters:
     neighbour_silence_s: float
     share_sightings: bool
 
-    @property
-    def critical_margin_m(self) -> float:
-        """epsilon"""
-        return self.sensing_radius_m - self.noncritical_radius_m
+    critical_margin_m: float = field(init=False)
+    """epsilon"""
+    link_radius_m: float = field(init=False)
+    """r_c' = r_c - margin: what the field profile plans with."""
 
-    @property
-    def link_radius_m(self) -> float:
-        """r_c' = r_c - margin: what the field profile plans with."""
-        return self.sensing_radius_m - self.link_margin_m
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "critical_margin_m", self.sensing_radius_m - self.noncritical_radius_m)
+        object.__setattr__(self, "link_radius_m", self.sensing_radius_m - self.link_margin_m)
 
 
 def from_arena(arena: Arena) -> Parameters:

@@ -84,14 +84,18 @@ class Room(NamedTuple):
     """Where a robot may come to rest at one step."""
 
     motion: Motion
+    axis: Vector
+    """Cosine and sine of the heading."""
     brakes: tuple[Vector, Vector]
     """(long, short) resting places after braking at once."""
     long: list[Disc]
     short: list[Disc]
     """Discs near enough to bind within one period."""
-    far: list[Disc]
-    """The long discs that are not: they matter only to a velocity that looks farther ahead."""
+    far: list[tuple[float, float, Vector]]
+    """(gap, diameter, stop point) of long discs that cannot: only a velocity, which looks farther ahead, minds them."""
     keepouts: list[Keepout]
+    distances: list[float]
+    """To every partner's predicted position, in their order, m."""
 
 
 class Command(NamedTuple):
@@ -105,7 +109,7 @@ class Command(NamedTuple):
 def enforced_radius_m(parameters: Parameters, age_s: float) -> float:
     """R_ij = r_c - m0 - 0.8 u_max age; never below the avoidance radius."""
     radius = parameters.link_radius_m - RUN_AHEAD * parameters.max_speed_mps * age_s
-    return max(radius, parameters.avoidance_radius_m)
+    return radius if radius > parameters.avoidance_radius_m else parameters.avoidance_radius_m
 
 
 def make_disc(start: Vector, partner: Vector, diameter_m: float) -> Disc:
@@ -116,17 +120,31 @@ def make_disc(start: Vector, partner: Vector, diameter_m: float) -> Disc:
 
 def inside_disc(end: Vector, disc: Disc) -> bool:
     """Whether a stop point respects a link: inside the shared disc, or, once outside it, truly nearer."""
-    if disc.inside:
-        return math.dist(end, disc.middle) <= disc.radius_m
-    return math.dist(end, disc.partner) <= disc.gap_m - CREEP_SHARE * math.dist(end, disc.start)
+    start, partner, radius_m, middle, gap_m, inside = disc
+    if inside:
+        return math.dist(end, middle) <= radius_m
+    return math.dist(end, partner) <= gap_m - CREEP_SHARE * math.dist(end, start)
+
+
+def keepout_radius_m(gap_m: float, resting: bool) -> float:
+    """Half of what is left of the gap to contact; all of it to a robot at rest; already inside: never nearer."""
+    if gap_m <= CONTACT_M:
+        return gap_m
+    return CONTACT_M if resting else CONTACT_M + (gap_m - CONTACT_M) / 2
 
 
 def way_clearance_m(start: Vector, end: Vector, point: Vector) -> float:
     """Least distance between a point and the straight way from start to end."""
-    wx, wy = end[0] - start[0], end[1] - start[1]
-    px, py = point[0] - start[0], point[1] - start[1]
+    x, y = start
+    wx, wy = end[0] - x, end[1] - y
+    px, py = point[0] - x, point[1] - y
     length2 = wx * wx + wy * wy
-    share = 0.0 if length2 < 1e-12 else min(1.0, max(0.0, (px * wx + py * wy) / length2))
+    along = px * wx + py * wy
+    if length2 < 1e-12 or along <= 0.0:
+        return math.hypot(px, py)
+    share = along / length2
+    if share > 1.0:
+        share = 1.0
     return math.hypot(px - share * wx, py - share * wy)
 
 
@@ -138,6 +156,7 @@ class Planner:
         self._stops = stops
         self.period_s = period_s
         self._half_track_m = parameters.wheel_separation_m / 2
+        self._reach_m = MOVE_SHARE * parameters.max_speed_mps * period_s
 
     @property
     def weak_brake(self) -> Brake:
@@ -145,60 +164,59 @@ class Planner:
 
     def stop_points(self, motion: Motion, left_mps: float, right_mps: float) -> tuple[Vector, Vector]:
         """(long, short) resting places after one period of a command and then full braking."""
+        x, y, heading, left, right = motion
+        axis, (long, short), period_s = (math.cos(heading), math.sin(heading)), self._stops, self.period_s
         return (
-            self._end(motion, self._stops.long.place_after(*motion[3:], left_mps, right_mps, self.period_s)),
-            self._end(motion, self._stops.short.place_after(*motion[3:], left_mps, right_mps, self.period_s)),
+            _in_arena(x, y, axis, long.place_after(left, right, left_mps, right_mps, period_s)),
+            _in_arena(x, y, axis, short.place_after(left, right, left_mps, right_mps, period_s)),
         )
 
     def brake_points(self, motion: Motion) -> tuple[Vector, Vector]:
         """(long, short) resting places after braking at once."""
-        return (
-            self._end(motion, self._stops.long.place(*motion[3:])),
-            self._end(motion, self._stops.short.place(*motion[3:])),
-        )
+        return self._brakes(motion, (math.cos(motion[2]), math.sin(motion[2])))
+
+    def _brakes(self, motion: Motion, axis: Vector) -> tuple[Vector, Vector]:
+        x, y, _, left, right = motion
+        long, short = self._stops
+        return (_in_arena(x, y, axis, long.place(left, right)), _in_arena(x, y, axis, short.place(left, right)))
 
     def room(self, motion: Motion, partners: Sequence[Partner]) -> Room:
-        """Discs of all enforced links for the long and the short model, and keep-outs of all robots."""
-        brakes = self.brake_points(motion)
-        reach_m = MOVE_SHARE * self._parameters.max_speed_mps * self.period_s
-        long: list[Disc] = []
-        short: list[Disc] = []
-        far: list[Disc] = []
-        for partner in partners:
-            if partner.enforced:
-                diameter = enforced_radius_m(self._parameters, partner.age_s)
-                slack_m = diameter - 2 * reach_m
-                for point in partner.long_stops:
-                    disc = make_disc(brakes[0], point, diameter)
-                    (long if disc.gap_m > slack_m else far).append(disc)
-                for point in partner.short_stops:
-                    if math.dist(brakes[1], point) > slack_m:
-                        short.append(make_disc(brakes[1], point, diameter))
-        return Room(motion, brakes, long, short, far, self.keepouts(motion, brakes, partners))
+        """Discs of all enforced links for the long and the short model, and keep-outs of all robots.
 
-    def keepouts(self, motion: Motion, brakes: tuple[Vector, Vector], partners: Sequence[Partner]) -> list[Keepout]:
-        """Circles of half the gap around every other robot's pose and stop points.
-
-        Left out where they cannot bind: a way of at most l clears a point at d >= 2 l + contact by half the gap.
+        Keep-outs are circles of half the gap around every other robot's pose and stop points. Left out are those
+        that cannot bind: a way of at most l clears a point at d >= 2 l + contact by half the gap.
         """
-        circles: list[Keepout] = []
-        own = (motion.x_m, motion.y_m)
-        way_m = math.dist(own, brakes[0]) + MOVE_SHARE * self._parameters.max_speed_mps * self.period_s
-        horizon_m = 2 * way_m + CONTACT_M
-        for partner in partners:
-            for point in ((partner.x_m, partner.y_m), *partner.long_stops):
+        axis = (math.cos(motion[2]), math.sin(motion[2]))
+        brakes = self._brakes(motion, axis)
+        own, (brake, brake_short), reach_m = motion[:2], brakes, self._reach_m
+        horizon_m = 2 * (math.dist(own, brake) + reach_m) + CONTACT_M
+        room = Room(motion, axis, brakes, [], [], [], [], [])
+        _, _, _, long, short, far, keepouts, distances = room
+        for _, enforced, x, y, long_stops, short_stops, age_s, resting in partners:
+            place = (x, y)
+            distance = math.dist(own, place)
+            distances.append(distance)
+            if distance < horizon_m:
+                gap = min(math.dist(brake, place), distance)
+                keepouts.append(Keepout(place, keepout_radius_m(gap, resting)))
+            if enforced:
+                diameter = enforced_radius_m(self._parameters, age_s)
+                slack_m = diameter - 2 * reach_m
+            for point in long_stops:
+                gap = math.dist(brake, point)
+                if enforced:
+                    if gap > slack_m:
+                        long.append(make_disc(brake, point, diameter))
+                    else:
+                        far.append((gap, diameter, point))
                 distance = math.dist(own, point)
-                if distance >= horizon_m:
-                    continue
-                gap = min(math.dist(brakes[0], point), distance)
-                if gap <= CONTACT_M:
-                    radius = gap
-                elif partner.resting:
-                    radius = CONTACT_M
-                else:
-                    radius = CONTACT_M + (gap - CONTACT_M) / 2
-                circles.append(Keepout(point, radius))
-        return circles
+                if distance < horizon_m:
+                    keepouts.append(Keepout(point, keepout_radius_m(min(gap, distance), resting)))
+            if enforced:
+                for point in short_stops:
+                    if math.dist(brake_short, point) > slack_m:
+                        short.append(make_disc(brake_short, point, diameter))
+        return room
 
     def choose(self, room: Room, speed_mps: float, turn_rate_radps: float) -> Command:
         """The command nearest to the wanted speed (forward, m/s) and turn rate (rad/s) whose plan passes."""
@@ -236,29 +254,29 @@ class Planner:
 
     def _refusal(self, room: Room, speed_mps: float, turn_rate_radps: float) -> str:
         """What a candidate's plan violates: '', 'link' or 'separation'."""
-        if not (room.long or room.short or room.keepouts):
+        motion, axis, _, long_discs, short_discs, _, keepouts, _ = room
+        if not (long_discs or short_discs or keepouts):
             return ""
-        motion = room.motion
-        left, right = self._rims(speed_mps, turn_rate_radps)
-        stops = self._stops
-        end = self._end(motion, stops.long.place_after(*motion[3:], left, right, self.period_s))
-        for disc in room.long:
+        x, y, _, left, right = motion
+        left_to, right_to = self._rims(speed_mps, turn_rate_radps)
+        (long, short), period_s = self._stops, self.period_s
+        end = _in_arena(x, y, axis, long.place_after(left, right, left_to, right_to, period_s))
+        for disc in long_discs:
             if not inside_disc(end, disc):
                 return "link"
-        if room.short:
-            end_short = self._end(motion, stops.short.place_after(*motion[3:], left, right, self.period_s))
-            for disc in room.short:
+        if short_discs:
+            end_short = _in_arena(x, y, axis, short.place_after(left, right, left_to, right_to, period_s))
+            for disc in short_discs:
                 if not inside_disc(end_short, disc):
                     return "link"
-        start = (motion.x_m, motion.y_m)
-        for circle in room.keepouts:
-            clearance = way_clearance_m(start, end, circle.centre)
-            if clearance < circle.radius_m - 1e-9 and clearance < math.dist(start, circle.centre) - 1e-9:
+        start = (x, y)
+        for centre, radius_m in keepouts:
+            if way_clearance_m(start, end, centre) < radius_m - 1e-9:
                 return "separation"
         return ""
 
-    @staticmethod
-    def _end(motion: Motion, placement: tuple[float, float, float]) -> Vector:
-        forward, left, _ = placement
-        cosine, sine = math.cos(motion.heading_rad), math.sin(motion.heading_rad)
-        return (motion.x_m + forward * cosine - left * sine, motion.y_m + forward * sine + left * cosine)
+
+def _in_arena(x_m: float, y_m: float, axis: Vector, place: Vector) -> Vector:
+    """A place seen from the body (forward, left), in the arena frame."""
+    (cosine, sine), (forward, left) = axis, place
+    return (x_m + forward * cosine - left * sine, y_m + forward * sine + left * cosine)

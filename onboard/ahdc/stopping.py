@@ -8,12 +8,13 @@ The resting place after "wheels to zero" depends, seen from the body, on the two
 is tabulated once (fine numerical integration) and interpolated.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from onboard.ahdc.parameters import Parameters
+from onboard.ahdc.parameters import Parameters, Vector
 
 INTEGRATION_STEP_S = 0.002
 NODES = 49
@@ -29,28 +30,19 @@ class Brake(NamedTuple):
     lag_s: float
 
 
-class Placement(NamedTuple):
-    """A pose change seen from the body: forward and left, m, and turn, rad."""
-
-    forward_m: float
-    left_m: float
-    turn_rad: float
-
-
 def rim_after(speed_mps: float, command_mps: float, brake: Brake, duration_s: float) -> tuple[float, float]:
     """(rim speed, rim way) after following a constant command; closed form."""
     gap = command_mps - speed_mps
-    sign = 1.0 if gap > 0 else -1.0
     a, lag = brake
     knee = a * lag
     way = 0.0
-    if abs(gap) > knee:
-        ramp_s = min(duration_s, (abs(gap) - knee) / a)
-        way = (speed_mps + sign * a * ramp_s / 2) * ramp_s
-        speed_mps += sign * a * ramp_s
+    if gap > knee or -gap > knee:
+        slope, ramp_s = (a, (gap - knee) / a) if gap > 0 else (-a, (-gap - knee) / a)
+        if ramp_s >= duration_s:
+            return (speed_mps + slope * duration_s, (speed_mps + slope * duration_s / 2) * duration_s)
+        way = (speed_mps + slope * ramp_s / 2) * ramp_s
+        speed_mps += slope * ramp_s
         duration_s -= ramp_s
-        if duration_s <= 0:
-            return (speed_mps, way)
         gap = command_mps - speed_mps
     if lag < 1e-6:
         return (command_mps, way + command_mps * duration_s)
@@ -77,7 +69,10 @@ def speed_for_stop_mps(distance_m: float, brake: Brake) -> float:
 
 
 class StopTable:
-    """Resting place after immediate full braking, by rim speeds, for one brake model."""
+    """Resting place after immediate full braking, by rim speeds, for one brake model.
+
+    Places are (forward, left), m, as seen from the body.
+    """
 
     def __init__(self, brake: Brake, max_rim_mps: float, wheel_separation_m: float) -> None:
         self.brake = brake
@@ -87,54 +82,59 @@ class StopTable:
         axis = np.linspace(-self._limit_mps, self._limit_mps, NODES)
         lower, upper = np.triu_indices(NODES)
         places = _integrate_stop(axis[lower], axis[upper], brake, wheel_separation_m)
-        nodes = [[Placement(0.0, 0.0, 0.0)] * NODES for _ in range(NODES)]
-        for i, j, forward, left, turn in zip(lower, upper, *(array.tolist() for array in places), strict=True):
-            nodes[i][j] = Placement(forward, left, turn)
-            nodes[j][i] = Placement(forward, -left, -turn)
-        self._nodes = nodes
+        nodes = [[(0.0, 0.0)] * NODES for _ in range(NODES)]
+        for i, j, forward, sideways in zip(lower, upper, *(array.tolist() for array in places), strict=True):
+            nodes[i][j] = (forward, sideways)
+            nodes[j][i] = (forward, -sideways)
+        self._cells = [
+            [(*row[j], *row[j + 1], *next_row[j], *next_row[j + 1]) for j in range(NODES - 1)]
+            for row, next_row in itertools.pairwise(nodes)
+        ]
 
-    def place(self, left_mps: float, right_mps: float) -> Placement:
+    def place(self, left_mps: float, right_mps: float) -> Vector:
         """Resting place from rim speeds; beyond the table's range the edge is scaled up."""
         limit = self._limit_mps
-        excess = max(abs(left_mps), abs(right_mps)) / limit
-        if excess > 1:
-            inner = self.place(left_mps / excess, right_mps / excess)
-            return Placement(inner[0] * excess * excess, inner[1] * excess * excess, inner[2] * excess)
+        if not (-limit <= left_mps <= limit and -limit <= right_mps <= limit):
+            excess = max(abs(left_mps), abs(right_mps)) / limit
+            if excess > 1:
+                forward, left = self.place(left_mps / excess, right_mps / excess)
+                return (forward * excess * excess, left * excess * excess)
         u = (left_mps + limit) * self._scale
         v = (right_mps + limit) * self._scale
-        i, j = min(int(u), NODES - 2), min(int(v), NODES - 2)
+        i, j = int(u), int(v)
+        if i > NODES - 2:
+            i = NODES - 2
+        if j > NODES - 2:
+            j = NODES - 2
         u -= i
         v -= j
-        row, next_row = self._nodes[i], self._nodes[i + 1]
-        a, b, c, d = row[j], row[j + 1], next_row[j], next_row[j + 1]
+        a_forward, a_left, b_forward, b_left, c_forward, c_left, d_forward, d_left = self._cells[i][j]
         wa, wb, wc, wd = (1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v
-        return Placement(
-            wa * a[0] + wb * b[0] + wc * c[0] + wd * d[0],
-            wa * a[1] + wb * b[1] + wc * c[1] + wd * d[1],
-            wa * a[2] + wb * b[2] + wc * c[2] + wd * d[2],
+        return (
+            wa * a_forward + wb * b_forward + wc * c_forward + wd * d_forward,
+            wa * a_left + wb * b_left + wc * c_left + wd * d_left,
         )
 
     def place_after(
         self, left_mps: float, right_mps: float, command_left_mps: float, command_right_mps: float, period_s: float
-    ) -> Placement:
+    ) -> Vector:
         """Resting place after one period of a command and then full braking."""
         new_left, way_left = rim_after(left_mps, command_left_mps, self.brake, period_s)
         new_right, way_right = rim_after(right_mps, command_right_mps, self.brake, period_s)
         turn = (way_right - way_left) / self.wheel_separation_m
         way = (way_left + way_right) / 2
-        stop = self.place(new_left, new_right)
+        forward, left = self.place(new_left, new_right)
         cosine, sine = math.cos(turn), math.sin(turn)
-        return Placement(
-            way * math.cos(turn / 2) + stop[0] * cosine - stop[1] * sine,
-            way * math.sin(turn / 2) + stop[0] * sine + stop[1] * cosine,
-            turn + stop[2],
+        return (
+            way * math.cos(turn / 2) + forward * cosine - left * sine,
+            way * math.sin(turn / 2) + forward * sine + left * cosine,
         )
 
 
 Grid = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
-def _integrate_stop(left: Grid, right: Grid, brake: Brake, wheel_separation_m: float) -> tuple[Grid, Grid, Grid]:
+def _integrate_stop(left: Grid, right: Grid, brake: Brake, wheel_separation_m: float) -> tuple[Grid, Grid]:
     """Midpoint integration of the unicycle while both wheels brake, tail included."""
     a, lag = brake
     forward, sideways, turn = np.zeros_like(left), np.zeros_like(left), np.zeros_like(left)
@@ -152,7 +152,7 @@ def _integrate_stop(left: Grid, right: Grid, brake: Brake, wheel_separation_m: f
         sideways += way * np.sin(middle)
         turn += rotation
         left, right = new_left, new_right
-    return forward, sideways, turn
+    return forward, sideways
 
 
 def _brake(speed: Grid, a: float, knee: float, decay: float, step_s: float) -> Grid:
