@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import onboard.agent as agents
-from groundstation.lockstep import FIELD, World
-from groundstation.simulate import Job, arena_for
+from groundstation.conditions import FIELD
+from groundstation.lockstep import World
+from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 from onboard.ahdc.controller import Controller
 
