@@ -69,28 +69,41 @@ def nearest_target(own: Vector, targets: Mapping[int, Vector]) -> int | None:
 
 def yields(robot: str, distance_m: float, claims: Collection[Claim], target: int) -> bool:
     """Whether a neighbour's claim on the same target is better: the farther robot yields, ties to the lower id."""
-    return any(
-        claim.target == target
-        and (
-            claim.distance_m < distance_m - TIE_M
-            or (abs(claim.distance_m - distance_m) <= TIE_M and claim.robot < robot)
-        )
-        for claim in claims
-    )
+    for other, claimed, other_m in claims:
+        if claimed == target and (
+            other_m < distance_m - TIE_M or (abs(other_m - distance_m) <= TIE_M and other < robot)
+        ):
+            return True
+    return False
 
 
 def spanning_excess_m(points: Sequence[Vector], free_m: float) -> float:
     """Sum of max(0, l - free) over the edges of the minimum spanning tree of the points."""
     if len(points) < 2:
         return 0.0
-    gaps = [math.dist(points[0], point) for point in points[1:]]
-    rest = list(points[1:])
+    first, *rest = points
+    return _excess_m([math.dist(first, point) for point in rest], _table(rest), free_m)
+
+
+def _table(points: Sequence[Vector]) -> list[list[float]]:
+    """Distances between all points, m."""
+    return [[math.dist(point, other) for other in points] for point in points]
+
+
+def _excess_m(gaps_m: list[float], table_m: list[list[float]], free_m: float) -> float:
+    """The sum of :func:`spanning_excess_m` for one more point, ``gaps_m`` away from those of the table."""
+    gaps_m, rest = gaps_m.copy(), list(range(len(gaps_m)))
     excess = 0.0
     while rest:
-        index = min(range(len(rest)), key=gaps.__getitem__)
-        excess += max(0.0, gaps.pop(index) - free_m)
-        new = rest.pop(index)
-        gaps = [min(gap, math.dist(new, point)) for gap, point in zip(gaps, rest, strict=True)]
+        least_m = min(gaps_m)
+        nearest = gaps_m.index(least_m)
+        if least_m > free_m:
+            excess += least_m - free_m
+        del gaps_m[nearest]
+        row = table_m[rest.pop(nearest)]
+        for k, other in enumerate(rest):
+            if row[other] < gaps_m[k]:
+                gaps_m[k] = row[other]
     return excess
 
 
@@ -100,16 +113,21 @@ def reachable_target(
     """The target with the least d + 2 sum max(0, l - 0.9 r_c'), edges of the tree it would stretch.
 
     ``anchors`` are where the neighbours will be: their claimed targets, else their positions.
+    The nearest come first, since none costs less than its distance.
     """
     free_m = REACHABLE_SHARE * link_radius_m
-
-    def cost(index: int) -> tuple[float, int]:
-        point = targets[index]
-        return (math.dist(own, point) + STRETCH_COST * spanning_excess_m([point, *anchors], free_m), index)
-
-    return min(targets, key=cost, default=None)
+    table = _table(anchors)
+    best: tuple[float, int] | None = None
+    for distance_m, index in sorted((math.dist(own, point), index) for index, point in targets.items()):
+        if best is not None and distance_m > best[0]:
+            break
+        gaps = [math.dist(targets[index], anchor) for anchor in anchors]
+        cost = (distance_m + STRETCH_COST * _excess_m(gaps, table, free_m), index)
+        if best is None or cost < best:
+            best = cost
+    return None if best is None else best[1]
 
 
 def is_indicator(task: Task, tracked: int | None, open_targets: Mapping[int, Vector]) -> bool:
     """Line 10-11: a tracking or occupying robot that observes another open target guides free robots."""
-    return task is not Task.FREE and any(index != tracked for index in open_targets)
+    return task is not Task.FREE and len(open_targets) > (tracked in open_targets)

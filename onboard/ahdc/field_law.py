@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from onboard.ahdc.behaviour import FADED_M, alignment, saturate, separation, velocity
-from onboard.ahdc.links import Link, LinkTable
+from onboard.ahdc.links import OFF, ON, Link, LinkTable
 from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, Command, Partner, Planner, Room, make_disc
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_tables
@@ -47,24 +47,27 @@ class FieldLaw:
 
     def keep_links(self, view: View) -> None:
         """Run the link protocol: silence, boots, offers, at most one removal, repetitions."""
-        links, now_s = self.links, view.now_s
-        links.note_silence(name for name, heard in view.heard.items() if heard.silent)
-        for name, heard in view.heard.items():
-            links.note_boot(name, heard.state.boot)
-        own = (view.motion.x_m, view.motion.y_m)
-        radius = self._parameters.link_radius_m
+        links, now_s, sighted = self.links, view.now_s, view.sighted
+        p = self._parameters
+        own = view.motion[:2]
+        reach_m = ADD_SHARE * p.link_radius_m if self.joined else p.sensing_radius_m
+        silent = []
         waiting = False
-        for name, heard in view.heard.items():
-            sighted = view.sighted.get(name)
-            if sighted is None or heard.silent:
+        for name, (state, _, is_silent) in view.heard.items():
+            links.note_boot(name, state.boot)
+            if is_silent:
+                silent.append(name)
                 continue
-            distance = math.dist(own, (sighted.x_m, sighted.y_m))
-            state = links.state(name)
-            reach = self._parameters.sensing_radius_m if not self.joined else ADD_SHARE * radius
-            if distance <= reach and state in (Link.OFF, Link.DOUBT) and self.robot < name:
+            link = links.state(name)
+            if link is ON or name not in sighted:
+                continue
+            distance = math.dist(own, sighted[name][:2])
+            if distance <= reach_m and (link is OFF or link is Link.DOUBT) and self.robot < name:
                 links.offer(name, now_s)
-            waiting |= distance <= self._parameters.sensing_radius_m and state is not Link.ON
-        self.joined |= not waiting
+            waiting |= distance <= p.sensing_radius_m
+        links.note_silence(silent)
+        if not waiting:
+            self.joined = True
         if self.joined and now_s >= self._next_removal_s and links.removal is None:
             self._try_removal(view, own)
         links.tick(now_s)
@@ -76,28 +79,32 @@ class FieldLaw:
 
     def _try_removal(self, view: View, own: Vector) -> None:
         """Propose giving up the longest link for which a common neighbour offers two shorter ones."""
-        places = {name: (s.x_m, s.y_m) for name, s in view.sighted.items()}
-        distances = {name: math.dist(own, place) for name, place in places.items()}
-        vouched = [name for name in self.links.vouched() if name in distances]
-        for other in sorted(vouched, key=lambda name: -distances[name]):
-            if distances[other] <= REMOVE_SHARE * self._parameters.link_radius_m:
-                return
-            if not self.robot < other:
-                continue
-            middle = min(
-                (
-                    name
-                    for name in vouched
-                    if name != other
-                    and other in view.heard[name].state.links_on
-                    and max(distances[name], math.dist(places[name], places[other])) < distances[other]
-                ),
-                key=lambda name: max(distances[name], math.dist(places[name], places[other])),
-                default=None,
-            )
-            if middle is not None and self.links.propose_removal([self.robot, middle, other], view.now_s):
+        links, sighted, robot = self.links, view.sighted, self.robot
+        removable_m = REMOVE_SHARE * self._parameters.link_radius_m
+        long = []
+        for name in links.entries:
+            if robot < name and name in sighted and links.vouches(name):
+                distance = math.dist(own, sighted[name][:2])
+                if distance > removable_m:
+                    long.append((distance, name))
+        for distance, other in sorted(long, key=lambda link: -link[0]):
+            middle = self._middle(view, own, other, distance)
+            if middle is not None and links.propose_removal([robot, middle, other], view.now_s):
                 self._next_removal_s = view.now_s + REMOVAL_PAUSE_S
                 return
+
+    def _middle(self, view: View, own: Vector, other: str, distance_m: float) -> str | None:
+        """The common neighbour whose longer link to the two ends is shortest, if shorter than theirs."""
+        links, sighted, heard = self.links, view.sighted, view.heard
+        end = sighted[other][:2]
+        best, best_m = None, distance_m
+        for name in links.entries:
+            if name != other and name in sighted and links.vouches(name) and other in heard[name].state.links_on:
+                place = sighted[name][:2]
+                longer_m = max(math.dist(own, place), math.dist(place, end))
+                if longer_m < best_m:
+                    best, best_m = name, longer_m
+        return best
 
     def partners(self, view: View) -> list[Partner]:
         """Every robot the plan must respect, with its stop points as announced or, unheard, as seen."""

@@ -38,6 +38,10 @@ class Link(Enum):
     """Committed as coordinator: enforce until the far end has acknowledged."""
 
 
+ON, OFF = Link.ON, Link.OFF
+SETTLED = (ON, OFF)
+"""Nothing is to be repeated."""
+
 Repeated = Literal["add", "accept", "confirm", "commit", "inquire"]
 
 OFFER_REPEAT_S = 0.1
@@ -88,18 +92,20 @@ class LinkTable:
 
     def state(self, other: str) -> Link:
         entry = self.entries.get(other)
-        return entry.state if entry else Link.OFF
+        return OFF if entry is None else entry.state
 
     def enforces(self, other: str) -> bool:
         """Rule 1: the motion bound holds for this link."""
-        return self.state(other) is not Link.OFF
+        entry = self.entries.get(other)
+        return entry is not None and entry.state is not OFF
 
     def vouches(self, other: str) -> bool:
         """Rule 1: others' detours may lean on this link. Never for a neighbour that has gone silent."""
-        return self.state(other) is Link.ON and other not in self._silent
+        entry = self.entries.get(other)
+        return entry is not None and entry.state is ON and other not in self._silent
 
     def enforced(self) -> list[str]:
-        return [name for name, entry in self.entries.items() if entry.state is not Link.OFF]
+        return [name for name, entry in self.entries.items() if entry.state is not OFF]
 
     def vouched(self) -> list[str]:
         return [name for name in self.entries if self.vouches(name)]
@@ -111,8 +117,10 @@ class LinkTable:
     def note_boot(self, other: str, boot: int) -> None:
         """A neighbour with a new boot number has lost its memory: enforce, stop vouching, offer anew (rule 8)."""
         known = self._boots.get(other)
+        if known == boot:
+            return
         self._boots[other] = boot
-        if known is None or known == boot or not self.enforces(other):
+        if known is None or not self.enforces(other):
             return
         entry = self.entries[other]
         if self.removal is not None and self.removal.other == other:
@@ -155,6 +163,8 @@ class LinkTable:
         if self.removal is not None and now_s - self.removal.started_s > LOCK_TIMEOUT_S:
             self._abort()
         for other, entry in self.entries.items():
+            if entry.state in SETTLED:
+                continue
             if entry.state is Link.OFFERED and now_s - entry.sent_s >= OFFER_REPEAT_S:
                 self._send(entry, now_s, other, "add")
             elif entry.state is Link.ACCEPTED and now_s - entry.sent_s >= OFFER_REPEAT_S:

@@ -1,5 +1,6 @@
 """What a robot remembers of targets: those it has seen, and those it knows to be occupied."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from onboard.ahdc.parameters import Vector
@@ -19,6 +20,13 @@ class TargetMemory:
         if self.known.get(index) != position:
             self.known[index] = position
             self._open = None
+
+    def see_all(self, targets: Mapping[int, Vector]) -> None:
+        """Every target within sensing range."""
+        known = self.known
+        for index, position in targets.items():
+            if known.get(index) != position:
+                self.see(index, position)
 
     def occupy(self, index: int) -> None:
         self.merge(1 << index)

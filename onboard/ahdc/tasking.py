@@ -6,7 +6,7 @@ The ``field`` profile adds memory, choice by reachability, yielding, the hop gra
 
 import math
 
-from contract.messages import NeighbourState
+from contract.messages import Help, NeighbourState
 from onboard.ahdc.assist import SKIP_S, Assist
 from onboard.ahdc.cotr import (
     Claim,
@@ -55,6 +55,8 @@ class Tasking:
         self.helping = False
         self.occupied_count = 0
         self._visible: dict[int, Vector] = {}
+        self._learned: dict[str, NeighbourState] = {}
+        """Newest message learned from, by robot: the next step need not learn from it again."""
         self._held_from_s = 0.0
         self._blocked_until: dict[int, float] = {}
         self._rethink_s = -1.0
@@ -72,72 +74,77 @@ class Tasking:
     def update(self, view: View) -> Goal | None:
         """One run of algorithm 2; the goal, or None to stop."""
         self._learn(view)
-        claims = self._claims(view)
-        own = (view.motion.x_m, view.motion.y_m)
+        own = view.motion[:2]
         if not view.may_move:
             self._held_from_s = min(self._held_from_s, view.now_s)
             return None
-        self._advance(view, own, claims)
+        self._advance(view, own)
         return self._goal(view, own)
 
     def _learn(self, view: View) -> None:
-        for index, position in view.targets.items():
-            self.memory.see(index, position)
-        for heard in view.heard.values():
-            state = heard.state
-            self.memory.merge(from_hex(state.occupied))
-            self.cloud_seen |= state.cloud_seen
-            for target in state.sightings:
-                self.memory.see(target.index, (target.x_m, target.y_m))
+        memory, robots, learned = self.memory, self._parameters.robots, self._learned
+        memory.see_all(view.targets)
+        requests: list[tuple[str, Help]] = []
+        nearest = robots
+        for name, (state, _, silent) in view.heard.items():
+            if learned.get(name) is not state:
+                learned[name] = state
+                memory.merge(from_hex(state.occupied))
+                for target in state.sightings:
+                    memory.see(target.index, (target.x_m, target.y_m))
+                if state.cloud_seen:
+                    self.cloud_seen = True
+            if not silent:
+                if state.hops < nearest:
+                    nearest = state.hops
+                if state.help is not None:
+                    requests.append((name, state.help))
+        if view.targets:
+            self.cloud_seen = True
         if self._field:
-            self._visible = self.memory.open()
-            self.assist.listen(
-                (name, heard.state.help)
-                for name, heard in view.heard.items()
-                if heard.state.help is not None and not heard.silent
-            )
+            self._visible = memory.open()
+            self.assist.listen(requests)
         else:
-            self._visible = {k: p for k, p in view.targets.items() if self.memory.is_open(k)}
-        self.cloud_seen |= bool(view.targets)
+            self._visible = {k: p for k, p in view.targets.items() if memory.is_open(k)}
         self.indicator = is_indicator(self.task, self.target, self._visible)
-        near = [h.state.hops for h in view.heard.values() if not h.silent and h.state.hops < self._parameters.robots]
         leads = self.indicator or (self._field and self.task is Task.TRACKING)
-        self.hops = 0 if leads else min(near, default=NO_HOPS) + 1
-        if self.hops >= self._parameters.robots:
+        self.hops = 0 if leads else nearest + 1
+        if self.hops >= robots:
             self.hops = NO_HOPS
 
-    def _claims(self, view: View) -> list[Claim]:
+    def _claims(self, view: View, target: int | None = None) -> list[Claim]:
+        """Claims of all neighbours, or those on one target."""
         claims = []
-        for name, heard in view.heard.items():
-            state = heard.state
-            if state.claim >= 0 and state.claim_at is not None:
+        for name, (state, _, _) in view.heard.items():
+            claim, claim_at = state.claim, state.claim_at
+            if claim >= 0 and claim_at is not None and (target is None or claim == target):
                 sighted = view.sighted.get(name)
-                place = (sighted.x_m, sighted.y_m) if sighted else (state.x_m, state.y_m)
-                claims.append(Claim(name, state.claim, math.dist(place, state.claim_at)))
+                place = (state.x_m, state.y_m) if sighted is None else sighted[:2]
+                claims.append(Claim(name, claim, math.dist(place, claim_at)))
         return claims
 
-    def _advance(self, view: View, own: Vector, claims: list[Claim]) -> None:
+    def _advance(self, view: View, own: Vector) -> None:
         now_s = view.now_s
         if self.task is Task.OCCUPIED:
             if self._field and now_s >= self._rethink_s:
                 self._rethink_s = now_s + RETHINK_S
-                self.next_target = self._choose(view, own, claims)
+                self.next_target = self._choose(view, own)
             if now_s - self._held_from_s >= self._parameters.occupying_time_s:
                 self._become(Event.HELD, now_s)
         if self.task is Task.TRACKING:
-            self._track(view, own, claims)
+            self._track(view, own)
         self.helping = self._field and self.task is not Task.OCCUPIED and self.assist.heard is not None
         if self.helping and self.task is Task.TRACKING:
             self._become(Event.LOST, now_s)
         if self.task is Task.FREE and not self.helping and now_s >= self._rethink_s:
-            chosen = self._choose(view, own, claims)
+            chosen = self._choose(view, own)
             if chosen is not None:
                 self.target = chosen
                 self._become(Event.OBSERVED, now_s)
             elif self._field:
                 self._rethink_s = now_s + RETHINK_S
 
-    def _track(self, view: View, own: Vector, claims: list[Claim]) -> None:
+    def _track(self, view: View, own: Vector) -> None:
         assert self.target is not None
         place = self.memory.known[self.target]
         distance_m = math.dist(own, place)
@@ -150,7 +157,7 @@ class Tasking:
             self.occupied_count += 1
             self._become(Event.REACHED, now_s)
         elif self._field:
-            if yields(self.robot, distance_m, claims, self.target):
+            if yields(self.robot, distance_m, self._claims(view, self.target), self.target):
                 self._blocked_until[self.target] = now_s + LOCKOUT_S
                 self._become(Event.LOST, now_s)
             elif self.assist.track(distance_m, now_s):
@@ -172,22 +179,24 @@ class Tasking:
             self.target = self.next_target = None
             self.assist.stop_tracking()
 
-    def _choose(self, view: View, own: Vector, claims: list[Claim]) -> int | None:
+    def _choose(self, view: View, own: Vector) -> int | None:
         if not self._field:
             return nearest_target(own, self._visible)
-        now_s = view.now_s
+        now_s, claims = view.now_s, self._claims(view)
+        claimed = {claim.target for claim in claims}
         options = {
             k: p
             for k, p in self._visible.items()
-            if self._blocked_until.get(k, -1.0) <= now_s and not yields(self.robot, math.dist(own, p), claims, k)
+            if self._blocked_until.get(k, -1.0) <= now_s
+            and not (k in claimed and yields(self.robot, math.dist(own, p), claims, k))
         }
         if len(options) < 2:
             return next(iter(options), None)
         anchors = []
         for name, sighted in view.sighted.items():
             heard = view.heard.get(name)
-            claim_at = heard.state.claim_at if heard is not None else None
-            anchors.append(claim_at or (sighted.x_m, sighted.y_m))
+            claim_at = None if heard is None else heard.state.claim_at
+            anchors.append(sighted[:2] if claim_at is None else claim_at)
         return reachable_target(own, options, anchors, self._parameters.link_radius_m)
 
     def _goal(self, view: View, own: Vector) -> Goal | None:
@@ -208,18 +217,13 @@ class Tasking:
 
     def _leader(self, view: View) -> str | None:
         """The indicator to follow: the nearest in sight (paper), the neighbour with fewest hops to one (field)."""
-        own = (view.motion.x_m, view.motion.y_m)
-
-        def distance(name: str) -> float:
-            return math.dist(own, view.sighted[name][:2])
-
-        fresh: dict[str, NeighbourState] = {
-            name: heard.state for name, heard in view.heard.items() if not heard.silent and name in view.sighted
-        }
-        if not self._field:
-            return min((n for n, s in fresh.items() if s.indicator), key=lambda n: (distance(n), n), default=None)
-        near = [n for n, s in fresh.items() if s.hops < self.hops]
-        return min(near, key=lambda n: (fresh[n].hops, distance(n), n), default=None)
+        own, sighted = view.motion[:2], view.sighted
+        leaders = [
+            (state.hops if self._field else 0, math.dist(own, sighted[name][:2]), name)
+            for name, (state, _, silent) in view.heard.items()
+            if (state.hops < self.hops if self._field else state.indicator) and not silent and name in sighted
+        ]
+        return min(leaders)[2] if leaders else None
 
     @staticmethod
     def _towards(view: View, name: str, stand_off_m: float, why: str) -> Goal | None:
