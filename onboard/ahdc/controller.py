@@ -8,7 +8,7 @@ from contract.messages import LinkMessage, NeighbourState, Target
 from contract.units import metres, radians
 from onboard.ahdc.cotr import Task
 from onboard.ahdc.field_law import FieldLaw
-from onboard.ahdc.links import Link
+from onboard.ahdc.links import LEAVING, OFF, ON
 from onboard.ahdc.memory import to_hex
 from onboard.ahdc.paper_law import PaperLaw
 from onboard.ahdc.parameters import Parameters, Vector
@@ -55,6 +55,9 @@ class Controller:
         self._goal: Goal | None = None
         self._seq = 0
         self._last_sighting = -1
+        self._open: dict[int, Vector] = {}
+        self._open_targets: list[Target] = []
+        """The open targets of ``_open``, by index, as they are told."""
         self._mail: list[tuple[int, LinkMessage]] = []
 
     def begin(self, mission: str) -> None:
@@ -106,45 +109,50 @@ class Controller:
         """Every enforced link: 'on', 'doubt' (offered, accepted, in removal) or 'leaving'."""
         if self.field is None:
             return dict.fromkeys(sorted(self.paper.neighbours if self.paper else ()), "on")
-        names: dict[Link, LinkWord] = {Link.ON: "on", Link.LEAVING: "leaving"}
-        links = self.field.links
-        return {name: names.get(links.state(name), "doubt") for name in links.enforced()}
+        return {
+            name: "on" if entry.state is ON else "leaving" if entry.state is LEAVING else "doubt"
+            for name, entry in self.field.links.entries.items()
+            if entry.state is not OFF
+        }
 
     def announce(self, motion: Motion, stamp_ns: int, left_mps: float, right_mps: float) -> NeighbourState:
         """The state message for this moment, given the rim speeds really commanded."""
         tasking = self.tasking
+        x, y, heading, left, right = motion
         long, short = self.planner.stop_points(motion, left_mps, right_mps)
-        speed = (motion.left_mps + motion.right_mps) / 2
+        speed = (left + right) / 2
         self._seq += 1
-        still = max(abs(left_mps), abs(right_mps), abs(motion.left_mps), abs(motion.right_mps)) < STILL_MPS
+        still = max(abs(left_mps), abs(right_mps), abs(left), abs(right)) < STILL_MPS
         claim = tasking.claim
-        claim_at = tasking.claim_at()
-        links = self.link_states()
+        on: list[str] = []
+        kept: list[str] = []
+        for name, state in self.link_states().items():
+            (on if state == "on" else kept).append(name)
         return NeighbourState(
             robot=self.robot,
             boot=self.boot,
             seq=self._seq,
             stamp_ns=stamp_ns,
-            x_m=metres(motion.x_m),
-            y_m=metres(motion.y_m),
-            heading_rad=radians(math.remainder(motion.heading_rad, math.tau)),
-            vx_mps=metres(speed * math.cos(motion.heading_rad)),
-            vy_mps=metres(speed * math.sin(motion.heading_rad)),
+            x_m=metres(x),
+            y_m=metres(y),
+            heading_rad=radians(math.remainder(heading, math.tau)),
+            vx_mps=metres(speed * math.cos(heading)),
+            vy_mps=metres(speed * math.sin(heading)),
             stop_long=(metres(long[0]), metres(long[1])),
             stop_short=(metres(short[0]), metres(short[1])),
             moving=not still,
             mission=self.mission,
             task="helping" if tasking.helping else tasking.task.value,
             claim=-1 if claim is None else claim,
-            claim_at=claim_at,
+            claim_at=tasking.claim_at(),
             indicator=tasking.indicator,
             hops=tasking.hops,
             cloud_seen=tasking.cloud_seen,
             occupied=to_hex(tasking.memory.occupied),
             sightings=self._sightings(),
             help=tasking.assist.told,
-            links_on=tuple(name for name, state in links.items() if state == "on"),
-            links_kept=tuple(name for name, state in links.items() if state != "on"),
+            links_on=tuple(on),
+            links_kept=tuple(kept),
             wishes=tuple(sorted(self.paper.wishes)) if self.paper else (),
             mail=self._post(),
         )
@@ -153,16 +161,25 @@ class Controller:
         if not self.parameters.share_sightings:
             return ()
         known = self.tasking.memory.open()
-        order = sorted(known)
-        after = [k for k in order if k > self._last_sighting] or order
-        told = after[:SIGHTINGS_A_MESSAGE]
-        self._last_sighting = told[-1] if told else -1
-        return tuple(Target(index=k, x_m=metres(known[k][0]), y_m=metres(known[k][1])) for k in told)
+        if known is not self._open:
+            self._open = known
+            self._open_targets = [
+                Target(index=k, x_m=metres(known[k][0]), y_m=metres(known[k][1])) for k in sorted(known)
+            ]
+        targets = self._open_targets
+        start = 0
+        while start < len(targets) and targets[start].index <= self._last_sighting:
+            start += 1
+        told = tuple(targets[start : start + SIGHTINGS_A_MESSAGE] or targets[:SIGHTINGS_A_MESSAGE])
+        self._last_sighting = told[-1].index if told else -1
+        return told
 
     def _post(self) -> tuple[LinkMessage, ...]:
         if self.field is None:
             return ()
         outbox = self.field.links.outbox
+        if not (outbox or self._mail):
+            return ()
         self._mail = [(left - 1, message) for left, message in self._mail if left > 1]
         self._mail += [(MAIL_REPEATS, message) for message in outbox]
         outbox.clear()

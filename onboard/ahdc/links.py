@@ -38,7 +38,7 @@ class Link(Enum):
     """Committed as coordinator: enforce until the far end has acknowledged."""
 
 
-ON, OFF = Link.ON, Link.OFF
+ON, OFF, LEAVING = Link.ON, Link.OFF, Link.LEAVING
 SETTLED = (ON, OFF)
 """Nothing is to be repeated."""
 
