@@ -214,11 +214,26 @@ class LinkMessage(Message, frozen=True, kw_only=True):
 
 
 class Help(Message, frozen=True, kw_only=True):
-    """A tracker that makes no progress asks for a hand; the lowest id wins."""
+    """A tracker that makes no progress asks for a hand; the one with the shortest way left wins."""
 
     robot: RobotName
     hops: Annotated[int, Meta(ge=0, le=1000)]
     number: Count = 0
+    left_m: Metres = 0.0
+    """From the robot to its target when it first asked."""
+
+
+class ToldClaim(Message, frozen=True, kw_only=True):
+    """What a robot has heard of another's claim on a target, passed on."""
+
+    robot: RobotName
+    number: Count
+    """Of the state message with which the robot last told its claim."""
+    target: Annotated[int, Meta(ge=-1, le=9999)]
+    """-1: it claims none."""
+    left_m: Metres
+    """From the robot to the target, a hold before it included at full speed."""
+    hops: Annotated[int, Meta(ge=1, le=1000)]
 
 
 class NeighbourState(Message, frozen=True, kw_only=True):
@@ -246,6 +261,10 @@ class NeighbourState(Message, frozen=True, kw_only=True):
     claim: Annotated[int, Meta(ge=-1, le=9999)] = -1
     """Target it goes for or sits on, -1 for none."""
     claim_at: Point | None = None
+    claim_wait_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 0.0
+    """Hold that remains before it sets out."""
+    claims: tuple[ToldClaim, ...] = ()
+    """Claims of other robots, as heard."""
     indicator: bool = False
     """It sees a target that it does not track itself (algorithm 2, line 11)."""
     hops: Annotated[int, Meta(ge=0, le=1000)] = 1000

@@ -170,5 +170,5 @@ def without_targets(state: NeighbourState) -> NeighbourState:
     """A message without what it says of targets."""
     return replace(
         state, task="free", claim=-1, claim_at=None, indicator=False, hops=1000, cloud_seen=False, occupied="",
-        sightings=(), help=None,
+        sightings=(), claims=(), help=None,
     )  # fmt: skip

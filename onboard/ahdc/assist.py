@@ -1,15 +1,27 @@
-"""HELP: a tracker that makes no progress floods a request; the lowest id wins and the others come nearer."""
+"""HELP: a tracker that makes no progress floods a request, and the others come nearer.
 
+The shortest way left wins, the lower id between equals. A tracker nearer to its own target than the one that asks
+asks at once rather than turn away from it: two that pull the swarm apart would else both end far from their targets.
+"""
+
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import msgspec
+
 from contract.messages import Help
+from contract.units import metres
 
 PROGRESS_M = 0.02
 PATIENCE_S = 1.5
 LIMIT_S = 15.0
 SKIP_S = 5.0
 """A target given up after ``LIMIT_S`` is left alone this long."""
+
+
+def _rank(help_: Help) -> tuple[float, str]:
+    return (help_.left_m, help_.robot)
 
 
 @dataclass
@@ -39,26 +51,34 @@ class Assist:
             self._best_m, self._progress_s = distance_m, now_s
         if self.request is None:
             if now_s - self._progress_s > PATIENCE_S:
-                self._number += 1
-                self._asked_s = now_s
-                self.request = Help(robot=self.robot, hops=0, number=self._number)
+                self._ask(distance_m, now_s)
             return False
         return now_s - self._asked_s > LIMIT_S
+
+    def _ask(self, left_m: float, now_s: float) -> None:
+        self._number += 1
+        self._asked_s = now_s
+        self.request = Help(robot=self.robot, hops=0, number=self._number, left_m=metres(left_m))
 
     def stop_tracking(self) -> None:
         self.request = None
 
-    def listen(self, requests: Iterable[tuple[str, Help]]) -> None:
-        """Requests as (neighbour, its Help); keeps the lowest id at its fewest hops, hops below N."""
+    def listen(self, requests: Iterable[tuple[str, Help]], left_m: float = math.inf, now_s: float = 0.0) -> None:
+        """Requests as (neighbour, its Help); keeps the first in rank at its fewest hops, hops below N.
+
+        :param left_m: own way to the tracked target, infinite without one.
+        """
         best: Help | None = None
         via = ""
         for neighbour, help_ in sorted(requests):
             if help_.robot == self.robot or help_.hops + 1 >= self.robots:
                 continue
-            if best is None or (help_.robot, help_.hops + 1) < (best.robot, best.hops):
-                best = Help(robot=help_.robot, hops=help_.hops + 1, number=help_.number)
+            if best is None or (*_rank(help_), help_.hops + 1) < (*_rank(best), best.hops):
+                best = msgspec.structs.replace(help_, hops=help_.hops + 1)
                 via = neighbour
-        if self.request is not None and best is not None and self.request.robot < best.robot:
+        if self.request is None and best is not None and left_m < best.left_m:
+            self._ask(left_m, now_s)
+        if self.request is not None and best is not None and _rank(self.request) < _rank(best):
             best = None
         self.heard, self.via = best, via if best is not None else ""
 

@@ -145,6 +145,8 @@ class Controller:
             task="helping" if tasking.helping else tasking.task.value,
             claim=-1 if claim is None else claim,
             claim_at=tasking.claim_at(),
+            claim_wait_s=round(tasking.hold_left_s(stamp_ns * 1e-9), 3),
+            claims=tasking.book.to_tell(stamp_ns * 1e-9) if self.field is not None else (),
             indicator=tasking.indicator,
             hops=tasking.hops,
             cloud_seen=tasking.cloud_seen,

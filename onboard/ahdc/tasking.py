@@ -8,8 +8,8 @@ import math
 
 from contract.messages import Help, NeighbourState
 from onboard.ahdc.assist import SKIP_S, Assist
+from onboard.ahdc.claims import ClaimBook
 from onboard.ahdc.cotr import (
-    Claim,
     Event,
     Task,
     is_indicator,
@@ -49,6 +49,7 @@ class Tasking:
         """Chosen while still holding the present one (field)."""
         self.memory = TargetMemory()
         self.assist = Assist(robot, parameters.robots)
+        self.book = ClaimBook(robot, parameters.max_speed_mps)
         self.cloud_seen = False
         self.hops = NO_HOPS
         self.indicator = False
@@ -70,6 +71,18 @@ class Tasking:
 
     def claim_at(self) -> Vector | None:
         return None if self.claim is None else self.memory.known.get(self.claim)
+
+    def hold_left_s(self, now_s: float) -> float:
+        """How long it must still hold its target before it may set out for the next one."""
+        if self.task is not Task.OCCUPIED:
+            return 0.0
+        return max(0.0, self._held_from_s + self._parameters.occupying_time_s - now_s)
+
+    def _left_m(self, view: View) -> float:
+        """Way to the tracked target, infinite where there is none."""
+        if self.task is not Task.TRACKING or self.target is None:
+            return math.inf
+        return math.dist(view.motion[:2], self.memory.known[self.target])
 
     def update(self, view: View) -> Goal | None:
         """One run of algorithm 2; the goal, or None to stop."""
@@ -94,6 +107,8 @@ class Tasking:
                     memory.see(target.index, (target.x_m, target.y_m))
                 if state.cloud_seen:
                     self.cloud_seen = True
+                if self._field:
+                    self.book.learn(name, state, view.now_s)
             if not silent:
                 if state.hops < nearest:
                     nearest = state.hops
@@ -103,7 +118,7 @@ class Tasking:
             self.cloud_seen = True
         if self._field:
             self._visible = memory.open()
-            self.assist.listen(requests)
+            self.assist.listen(requests, self._left_m(view), view.now_s)
         else:
             self._visible = {k: p for k, p in view.targets.items() if memory.is_open(k)}
         self.indicator = is_indicator(self.task, self.target, self._visible)
@@ -111,17 +126,6 @@ class Tasking:
         self.hops = 0 if leads else nearest + 1
         if self.hops >= robots:
             self.hops = NO_HOPS
-
-    def _claims(self, view: View, target: int | None = None) -> list[Claim]:
-        """Claims of all neighbours, or those on one target."""
-        claims = []
-        for name, (state, _, _) in view.heard.items():
-            claim, claim_at = state.claim, state.claim_at
-            if claim >= 0 and claim_at is not None and (target is None or claim == target):
-                sighted = view.sighted.get(name)
-                place = (state.x_m, state.y_m) if sighted is None else sighted[:2]
-                claims.append(Claim(name, claim, math.dist(place, claim_at)))
-        return claims
 
     def _advance(self, view: View, own: Vector) -> None:
         now_s = view.now_s
@@ -157,7 +161,9 @@ class Tasking:
             self.occupied_count += 1
             self._become(Event.REACHED, now_s)
         elif self._field:
-            if yields(self.robot, distance_m, self._claims(view, self.target), self.target):
+            if yields(
+                self.robot, distance_m, self.book.claims(view.heard, view.sighted, now_s, self.target), self.target
+            ):
                 self._blocked_until[self.target] = now_s + LOCKOUT_S
                 self._become(Event.LOST, now_s)
             elif self.assist.track(distance_m, now_s):
@@ -182,13 +188,14 @@ class Tasking:
     def _choose(self, view: View, own: Vector) -> int | None:
         if not self._field:
             return nearest_target(own, self._visible)
-        now_s, claims = view.now_s, self._claims(view)
+        now_s, claims = view.now_s, self.book.claims(view.heard, view.sighted, view.now_s)
         claimed = {claim.target for claim in claims}
+        wait_m = self.hold_left_s(now_s) * self._parameters.max_speed_mps
         options = {
             k: p
             for k, p in self._visible.items()
             if self._blocked_until.get(k, -1.0) <= now_s
-            and not (k in claimed and yields(self.robot, math.dist(own, p), claims, k))
+            and not (k in claimed and yields(self.robot, math.dist(own, p) + wait_m, claims, k))
         }
         if len(options) < 2:
             return next(iter(options), None)

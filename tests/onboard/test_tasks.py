@@ -12,6 +12,7 @@ from onboard.ahdc.memory import TargetMemory, from_hex, to_hex
 
 coordinate = st.floats(-3, 3)
 points = st.tuples(coordinate, coordinate)
+distances = st.floats(0.1, 3).map(lambda x: round(x, 3))
 
 
 @given(st.floats(0, 2), st.floats(0, 2))
@@ -76,16 +77,29 @@ def test_help_is_asked_for_after_the_patience_and_given_up_after_the_limit() -> 
     assert assist.track(0.89, 1.02 + PATIENCE_S + LIMIT_S)
 
 
-@given(st.lists(st.tuples(st.sampled_from(["r01", "r03", "r04"]), st.integers(0, 5)), max_size=5))
-def test_the_lowest_id_wins_and_hops_stay_below_the_number_of_robots(heard: list[tuple[str, int]]) -> None:
+@given(st.lists(st.tuples(st.sampled_from(["r01", "r03", "r04"]), st.integers(0, 5), distances), max_size=5))
+def test_the_shortest_way_left_wins_and_hops_stay_below_the_number_of_robots(heard: list[tuple[str, int]]) -> None:
     assist = Assist("r02", robots=4)
-    assist.request = Help(robot="r02", hops=0)
-    assist.listen((f"r{k:02d}", Help(robot=robot, hops=hops)) for k, (robot, hops) in enumerate(heard, 10))
-    fitting = [(robot, hops + 1) for robot, hops in heard if hops + 1 < 4]
-    better = min((entry for entry in fitting if entry[0] < "r02"), default=None)
+    assist.request = Help(robot="r02", hops=0, left_m=0.5)
+    told_of = [Help(robot=robot, hops=hops, left_m=left_m) for robot, hops, left_m in heard]
+    assist.listen((f"r{k:02d}", help_) for k, help_ in enumerate(told_of, 10))
+    fitting = [(left_m, robot, hops + 1) for robot, hops, left_m in heard if hops + 1 < 4]
+    better = min((entry for entry in fitting if entry[:2] < (0.5, "r02")), default=None)
     told = assist.told
     assert told is not None
-    assert (told.robot, told.hops) == (better or ("r02", 0))
+    assert (told.left_m, told.robot, told.hops) == (better or (0.5, "r02", 0))
+
+
+def test_a_tracker_nearer_to_its_target_than_the_one_that_asks_keeps_it_and_asks_itself() -> None:
+    far = [("r03", Help(robot="r01", hops=0, left_m=2.4))]
+    nearer, farther, idle = (Assist("r02", robots=4) for _ in range(3))
+    nearer.listen(far, 0.4, 1.0)
+    assert nearer.heard is None
+    assert nearer.told == Help(robot="r02", hops=0, number=1, left_m=0.4)
+    farther.listen(far, 2.5, 1.0)
+    idle.listen(far)
+    assert farther.via == idle.via == "r03"
+    assert farther.request is None
 
 
 def test_a_request_dies_out_when_its_robot_falls_silent() -> None:

@@ -1,0 +1,84 @@
+"""Claims on targets, passed on from robot to robot: two robots that do not hear each other still yield.
+
+A robot tells its own claim with every state message and passes on what it has heard, a few hops far. The state
+message's number dates a claim: the newest word on each robot counts, and a claim not told anew is forgotten.
+"""
+
+import math
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import msgspec
+
+from contract.messages import NeighbourState, ToldClaim
+from contract.units import metres
+from onboard.ahdc.cotr import Claim
+from onboard.ahdc.view import Heard, Sighted
+
+CLAIM_HOPS = 4
+"""Farther from its owner a claim is not passed on."""
+CLAIM_LIFE_S = 0.5
+"""A claim not told anew for this long is forgotten."""
+CLAIMS_A_MESSAGE = 8
+
+
+class Rumour(NamedTuple):
+    """A claim as heard, and when a newer word on its owner last came."""
+
+    told: ToldClaim
+    heard_s: float
+
+
+@dataclass
+class ClaimBook:
+    """What one robot has heard of all others' claims."""
+
+    robot: str
+    max_speed_mps: float
+    _rumours: dict[str, Rumour] = field(default_factory=dict)
+
+    def learn(self, neighbour: str, state: NeighbourState, now_s: float) -> None:
+        """A neighbour's own claim and those it passes on."""
+        known = self._rumours.get(neighbour)
+        if known is not None and known.told.number == state.seq:
+            return
+        place = (state.x_m, state.y_m)
+        way_m = 0.0 if state.claim_at is None else self._way_m(place, state)
+        own = ToldClaim(robot=neighbour, number=state.seq, target=state.claim, left_m=metres(way_m), hops=1)
+        for told in (own, *state.claims):
+            if told.robot == self.robot or told.hops > CLAIM_HOPS:
+                continue
+            known = self._rumours.get(told.robot)
+            if known is None or told.number > known.told.number or now_s - known.heard_s >= CLAIM_LIFE_S:
+                self._rumours[told.robot] = Rumour(told, now_s)
+
+    def to_tell(self, now_s: float) -> tuple[ToldClaim, ...]:
+        """What to pass on: claims that may still go a hop, the nearest owners first."""
+        fresh = [r.told for r in self._fresh(now_s) if r.told.hops < CLAIM_HOPS]
+        fresh.sort(key=lambda told: (told.hops, told.robot))
+        return tuple(msgspec.structs.replace(told, hops=told.hops + 1) for told in fresh[:CLAIMS_A_MESSAGE])
+
+    def claims(
+        self, heard: Mapping[str, Heard], sighted: Mapping[str, Sighted], now_s: float, target: int | None = None
+    ) -> list[Claim]:
+        """Claims, or those on one target: of neighbours from where they are seen, of robots farther off as told."""
+        near = []
+        for name, (state, _, _) in heard.items():
+            if state.claim >= 0 and state.claim_at is not None and target in (None, state.claim):
+                seen = sighted.get(name)
+                place = (seen.x_m, seen.y_m) if seen else (state.x_m, state.y_m)
+                near.append(Claim(name, state.claim, self._way_m(place, state)))
+        return near + [claim for claim in self._far(heard, now_s) if target in (None, claim.target)]
+
+    def _far(self, heard: Container[str], now_s: float) -> Iterator[Claim]:
+        for told, _ in self._fresh(now_s):
+            if told.target >= 0 and told.robot not in heard:
+                yield Claim(told.robot, told.target, told.left_m)
+
+    def _fresh(self, now_s: float) -> Iterator[Rumour]:
+        return (rumour for rumour in self._rumours.values() if now_s - rumour.heard_s < CLAIM_LIFE_S)
+
+    def _way_m(self, place: tuple[float, float], state: NeighbourState) -> float:
+        assert state.claim_at is not None
+        return math.dist(place, state.claim_at) + state.claim_wait_s * self.max_speed_mps
