@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from contract import overlay
 from contract.margins import margin_faults
 from contract.tables import Fault, join, nearest, read_table, show
 from contract.units import Point, Radians, RobotId
@@ -160,8 +161,17 @@ class Safety(Struct, frozen=True, forbid_unknown_fields=True):
     motion_way_m: Annotated[float, Meta(ge=0.02, le=2.0)] = 0.12
     """Wheels, or a body, that went at least this far in it are judged."""
     motion_turn_rad: Annotated[float, Meta(ge=0.1, le=10.0)] = 1.0
+    """The same of a turn."""
     motion_share: Annotated[float, Meta(ge=0.1, le=0.9)] = 0.6
     """The body may lack this share of the wheels' way, or turn the other way by what is left of it."""
+    clock_tolerance_s: Annotated[float, Meta(ge=0.001, le=0.2)] = 0.02
+    """A stamp may lie this far in the future: uncertainty of the site clock."""
+    report_age_s: Annotated[float, Meta(ge=0.05, le=2.0)] = 0.3
+    """The station refuses to start with robots whose reports are older when they arrive."""
+    report_silence_s: Annotated[float, Meta(ge=0.2, le=10.0)] = 1.0
+    """The station calls a robot silent after this."""
+    min_disk_mb: Annotated[float, Meta(ge=0.0, le=1e6)] = 200.0
+    """The station refuses to start with less room for the recording."""
     battery_low_v: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     battery_critical_v: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
 
@@ -223,12 +233,12 @@ WheelCheck = Callable[[Mapping[str, Any], str], list[Fault]]
 
 
 def load(path: Path, wheel_check: WheelCheck | None = None) -> Arena:
-    """Read and check an arena file.
+    """Read and check an arena file, its calibration (:mod:`contract.overlay`) laid over it.
 
     :raises ArenaError: unreadable, not TOML, or any fault in it; all faults are listed.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = overlay.overlaid(tomllib.loads(path.read_text(encoding="utf-8")), overlay.read(path))
     except OSError as error:
         raise ArenaError(str(path), [Fault("file", str(path), error.strerror or str(error))]) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -30,8 +30,10 @@ from contract.messages import (
     TargetCloud,
 )
 from groundstation.connectivity import summary
+from groundstation.failsafes import Facts, differs, refusals, stops, warnings
 
-REPORT_FRESH_NS = 1_000_000_000
+QUORUM_PATIENCE_NS = 5_000_000_000
+"""A quorum waits this long for the rest."""
 ARM_TIMEOUT_NS = 5_000_000_000
 HOME_TIMEOUT_NS = 180_000_000_000
 MISPLACED_M = 0.10
@@ -67,6 +69,10 @@ class Plan(NamedTuple):
     """Of the mission, from start."""
     ready_timeout_s: float = math.inf
     """For the robots to become ready."""
+    quorum: int = 0
+    """Robots that suffice to start once the others have had their time; 0: all are needed."""
+    overrides: tuple[str, ...] = ()
+    """Station failsafes (:data:`groundstation.failsafes.OVERRIDABLE`) that do not refuse the start."""
 
 
 class Session:
@@ -96,8 +102,16 @@ class Session:
         self._requests: set[int] = set()
         self._missions: dict[str, str] = {}
         """Robot -> the mission whose targets it knows."""
+        self._crew = tuple(arena.robots)
+        self._joining = ""
+        """A late robot that is being armed while the others run."""
+        self._boots: dict[str, int] = {}
+        self._frame_ns = 0
+        self.disk_free_mb: float | None = None
+        """Where the recording is written, as somebody last saw it."""
         self._places: dict[str, tuple[float, float]] = {}
         self._points: list[tuple[float, float]] = []
+        self._seen: set[str] = set()
         self._lambda2, self._components = 0.0, 0
 
     # --- in ---------------------------------------------------------------------------------------
@@ -112,6 +126,7 @@ class Session:
             if message.mission == self.cloud.mission:
                 self._note_occupied(message.occupied)
         elif isinstance(message, MocapFrame):
+            self._frame_ns = now_ns
             self._look(message)
         elif isinstance(message, StopRequest):
             self._end("stopped", f"stop requested by {message.source}", "stop", now_ns)
@@ -139,6 +154,7 @@ class Session:
         With ``robots``, it is for these alone: the others stay as they are, and one of the others that is
         found with power on its wheels is a stop for all.
         """
+        self._joining = ""
         if order == "disarm" or (order == "arm" and self.phase == "ready"):
             self._addressees = robots
         if order == "stop":
@@ -185,6 +201,9 @@ class Session:
             reason = self.reports[stopped[0]].reason
             self._end("stopped", f"{', '.join(stopped)} stopped: {reason}"[:400], "stop", now_ns)
             return
+        if self.phase not in ("waiting", "ready") and (words := stops(self.facts(now_ns))):
+            self._end("failed", words[:400], "stop", now_ns)
+            return
         if self.phase in ("waiting", "ready"):
             self._prepare(now_ns)
         elif self.phase == "armed":
@@ -205,13 +224,13 @@ class Session:
     def _bring_home(self, now_ns: int) -> None:
         waited_ns = now_ns - self._ordered_ns
         if self._order == "arm":
-            waiting = [name for name in self._arena.robots if self.reports[name].run != "armed"]
+            waiting = [name for name in self._crew if self.reports[name].run != "armed"]
             if not waiting:
                 self._give("run", now_ns)
             elif waited_ns > ARM_TIMEOUT_NS:
                 self._end("failed", f"not armed: {self._words_of(waiting)}"[:400], "disarm", now_ns)
             return
-        away = [name for name in self._arena.robots if self.reports[name].task != "home"]
+        away = [name for name in self._crew if self.reports[name].task != "home"]
         self.detail = f"on the way: {', '.join(away)}" if away else "all robots at home"
         if not away:
             self._give("disarm", now_ns)
@@ -226,7 +245,55 @@ class Session:
         """Where each robot that motion capture sees away from its start belongs, in words."""
         return misplaced(self._arena, self._places)
 
+    def facts(self, now_ns: int) -> Facts:
+        """What the station's failsafes look at."""
+        return Facts(
+            now_ns=now_ns,
+            arena=self._arena,
+            arena_hash=self._hash,
+            crew=self._crew,
+            reports=self.reports,
+            heard_ns=self._heard_ns,
+            boots=self._boots,
+            seen=len(self._points),
+            frame_ns=self._frame_ns,
+            components=self._components,
+            disk_free_mb=self.disk_free_mb,
+        )
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Robots of the arena that this mission does without."""
+        return tuple(name for name in self._arena.robots if name not in self._crew)
+
+    def _muster(self, now_ns: int) -> None:
+        """Who takes part: all, or a quorum once the others have had their time."""
+        self._crew = tuple(self._arena.robots)
+        if 0 < self._plan.quorum < len(self._crew) and now_ns - self._began_ns > QUORUM_PATIENCE_NS:
+            fit = tuple(name for name in self._crew if not self._lack_of(name, now_ns))
+            if len(fit) >= self._plan.quorum:
+                self._crew = fit
+
+    def _admit(self, now_ns: int) -> None:
+        """Arm one late robot while the others run on, then order all to run."""
+        if self._joining:
+            report = self.reports[self._joining]
+            armed = report.run == "armed"
+            if armed or now_ns - self._ordered_ns > ARM_TIMEOUT_NS:
+                if armed:
+                    self._crew = (*self._crew, self._joining)
+                    self._boots[self._joining] = report.boot
+                self._joining = ""
+                self._give("run", now_ns)
+            return
+        late = [name for name in self.missing if name in self.reports and not self._lack_of(name, now_ns)]
+        if late and self._order == "run" and not self._addressees:
+            self._joining = late[0]
+            self._give("arm", now_ns)
+
     def _prepare(self, now_ns: int) -> None:
+        if self._order == "disarm":
+            self._muster(now_ns)
         lacking = self.lacking(now_ns)
         if lacking:
             self.phase, self.detail = "waiting", "; ".join(lacking)[:400]
@@ -234,52 +301,59 @@ class Session:
                 self._end("failed", f"not ready in {self._plan.ready_timeout_s:g} s: {self.detail}", "disarm", now_ns)
             return
         if self.phase == "waiting":
-            self.phase, self.detail = "ready", "all robots ready; arm to go on"
+            words = f"ready without {', '.join(self.missing)}" if self.missing else "all robots ready"
+            self.phase, self.detail = "ready", f"{words}; arm to go on"
             if self._plan.automatic:
                 self._give("arm", now_ns)
         if self._order != "arm":
             return
-        waiting = [name for name in self._arena.robots if self.reports[name].run != "armed"]
+        waiting = [name for name in self._crew if self.reports[name].run != "armed"]
         if not waiting:
-            self.phase, self.detail = "armed", "all robots armed; run to start"
+            words = f"armed without {', '.join(self.missing)}" if self.missing else "all robots armed"
+            self.phase, self.detail = "armed", f"{words}; run to start"
         elif now_ns - self._ordered_ns > ARM_TIMEOUT_NS:
             self._end("failed", f"not armed: {self._words_of(waiting)}"[:400], "disarm", now_ns)
 
     def lacking(self, now_ns: int, connected: bool = True) -> list[str]:
         """What still stands between this arena and an armed swarm, in words; ``connected``: also to a mission."""
-        missing = []
-        for name in self._arena.robots:
-            report = self.reports.get(name)
-            if report is None or now_ns - self._heard_ns[name] > REPORT_FRESH_NS:
-                missing.append(f"{name} does not report")
-            elif report.schema_version != SCHEMA_VERSION:
-                missing.append(f"{name} speaks schema {report.schema_version}, station {SCHEMA_VERSION}")
-            elif report.arena_hash != self._hash:
-                missing.append(f"{name} has another arena file ({report.arena_hash}, station {self._hash})")
-            elif not report.pose_valid:
-                missing.append(f"{name} has no valid pose")
-            elif (self._order_id == 1 or self._addressees) and report.run != "disarmed":
-                missing.append(f"{name} is {report.run}; release it (disarm)")
-            elif report.run == "disarmed" and report.reason and self._order != "arm":
-                missing.append(f"{name}: {report.reason}")
-        if not missing and len(self._points) < len(self._arena.robots):
-            missing.append(f"motion capture sees {len(self._points)} of {len(self._arena.robots)} robots")
+        missing = [words for name in self._crew if (words := self._lack_of(name, now_ns))]
+        said = {"robot_differs", "robot_silent", "swarm_split"}
+        missing += refusals(self.facts(now_ns), said, self._plan.overrides)
+        if not missing and not set(self._crew) <= self._seen:
+            missing.append(f"motion capture sees {len(self._points)} of {len(self._crew)} robots")
         if not connected:
             return missing
         mission = self.cloud.mission
-        late = [name for name in self._arena.robots if self._missions.get(name, mission) != mission]
+        late = [name for name in self._crew if self._missions.get(name, mission) != mission]
         if not missing and late:
             missing.append(f"{', '.join(late)}: targets of {mission} not there yet")
-        if not missing and self._components > 1:
+        if not missing and self._components > 1 and "swarm_split" not in self._plan.overrides:
             radius = self._arena.control.sensing_radius_m
             missing.append(f"the swarm is in {self._components} pieces; place robots within {radius:g} m of others")
             missing += self.misplaced()
         return missing
 
+    def _lack_of(self, name: str, now_ns: int) -> str:
+        """Why one robot is not fit to be armed, in words; empty: it is."""
+        report = self.reports.get(name)
+        silence_ns = self._arena.safety.report_silence_s * 1e9
+        if report is None or now_ns - self._heard_ns[name] > silence_ns:
+            return f"{name} does not report"
+        if words := differs(report, self._hash):
+            return words
+        if not report.pose_valid:
+            return f"{name} has no valid pose"
+        if (self._order_id == 1 or self._addressees or name not in self._crew) and report.run != "disarmed":
+            return f"{name} is {report.run}; release it (disarm)"
+        if report.run == "disarmed" and report.reason and self._order != "arm":
+            return f"{name}: {report.reason}"
+        return ""
+
     def _judge(self, now_ns: int) -> None:
         total = len(self.cloud.targets)
-        silent = [name for name in self._arena.robots if now_ns - self._heard_ns[name] > REPORT_FRESH_NS]
-        self.detail = f"silent: {', '.join(silent)}" if silent else ""
+        without = f"without {', '.join(self.missing)}" if self.missing else ""
+        self.detail = "; ".join(filter(None, (without, warnings(self.facts(now_ns)))))[:400]
+        self._admit(now_ns)
         if len(self._occupied) == total:
             self._end("completed", f"all {total} targets occupied", "disarm", now_ns)
         elif now_ns - self._started_ns > self._plan.timeout_s * 1e9:
@@ -303,6 +377,10 @@ class Session:
             self._give(order, now_ns)
 
     def _give(self, order: Order, now_ns: int) -> None:
+        if order == "disarm":
+            self._boots.clear()
+        elif order == "arm" and not self._joining:
+            self._boots = {name: report.boot for name, report in self.reports.items() if name in self._crew}
         self._order, self._ordered_ns = order, now_ns
         self._order_id += 1
 
@@ -330,7 +408,7 @@ class Session:
             stamp_ns=now_ns,
             order=self._order,
             order_id=self._order_id,
-            robots=self._addressees if self._order != "stop" else (),
+            robots=() if self._order == "stop" else (self._joining,) if self._joining else self._addressees,
             home=self.phase == "homing" and self._order == "run",
             mission=self.cloud.mission,
             arena_hash=self._hash,
@@ -364,9 +442,10 @@ class Session:
     def _look(self, frame: MocapFrame) -> None:
         seen = {b.robot: (b.x_m, b.y_m) for b in frame.bodies if b.valid and b.robot in self._arena.robots}
         self._places |= seen
-        self._points = list(seen.values())
+        self._seen = set(seen)
+        self._points = [place for name, place in seen.items() if name in self._crew]
         self._lambda2, self._components = summary(self._points, self._arena.control.sensing_radius_m)
-        if self.phase == "running" and len(self._points) == len(self._arena.robots):
+        if self.phase == "running" and len(self._points) == len(self._crew):
             self.min_lambda2 = min(self.min_lambda2, self._lambda2)
             self.split_frames += self._components > 1
 

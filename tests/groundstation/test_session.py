@@ -43,6 +43,7 @@ class Swarm:
         self.state = dict.fromkeys(NAMES, "disarmed")
         self.changes: dict[str, dict[str, object]] = {name: {} for name in NAMES}
         self.silent: set[str] = set()
+        self.frames = True
         self.obedient = True
         self.seen_order = 0
 
@@ -61,18 +62,15 @@ class Swarm:
         }
         self.session.receive(RobotReport(**fields), self.now)
 
+    def frame(self) -> MocapFrame:
+        bodies = tuple(BodyPose(robot=n, x_m=x, y_m=1.0, heading_rad=0.0) for n, x in zip(NAMES, self.x, strict=True))
+        return MocapFrame(session=1, frame=1, exposure_ns=0, transmit_ns=0, publish_ns=0, rate_hz=120.0, bodies=bodies)
+
     def turn(self, times: int = 1) -> str:
         for _ in range(times):
             self.now += 50 * MS
-            bodies = tuple(
-                BodyPose(robot=n, x_m=x, y_m=1.0, heading_rad=0.0) for n, x in zip(NAMES, self.x, strict=True)
-            )
-            self.session.receive(
-                MocapFrame(
-                    session=1, frame=1, exposure_ns=0, transmit_ns=0, publish_ns=0, rate_hz=120.0, bodies=bodies
-                ),
-                self.now,
-            )
+            if self.frames:
+                self.session.receive(self.frame(), self.now)
             for name in NAMES:
                 self.report(name)
             self.session.advance(self.now)
