@@ -89,6 +89,8 @@ class LinkTable:
     _closed: dict[TransactionId, None] = field(default_factory=dict)
     _silent: set[str] = field(default_factory=set)
     _boots: dict[str, int] = field(default_factory=dict)
+    _lives: dict[str, TransactionId] = field(default_factory=dict)
+    """The newest ADD taken from each robot: an older one that arrives late is not taken."""
 
     def state(self, other: str) -> Link:
         entry = self.entries.get(other)
@@ -212,10 +214,12 @@ class LinkTable:
             case "inquire":
                 self._on_inquire(sender, tx)
             case "unknown":
-                pass  # the coordinator lost its memory: stay in DOUBT until a new ADD (rule 6)
+                self._on_unknown(sender, entry, tx, now_s)
 
     def _on_add(self, sender: str, entry: Entry, tx: TransactionId, now_s: float) -> None:
-        if tx in self._closed:
+        newest = self._lives.get(sender)
+        late = newest is not None and newest.boot == tx.boot and tx.number < newest.number
+        if tx in self._closed or late or not self._current(tx):
             return
         if entry.state is Link.ON and entry.life == tx:
             return
@@ -223,18 +227,19 @@ class LinkTable:
         if crossed and self.robot < sender:
             return  # both offered: the lower id's offer counts
         forgotten = entry.state is Link.DOUBT and entry.tx is None
-        orphaned = entry.state in (Link.DOUBT, Link.LEAVING, Link.ON) and entry.life != tx
+        orphaned = entry.state in (Link.ACCEPTED, Link.DOUBT, Link.LEAVING, Link.ON) and entry.life != tx
         if entry.state is Link.OFF or crossed or forgotten or orphaned:
             if self.removal is not None and self.removal.other == sender:
                 self.removal = None
             self._close_life(entry)
             entry.state, entry.since_s = Link.ACCEPTED, now_s
-            entry.tx = entry.life = tx
+            entry.tx = entry.life = self._lives[sender] = tx
         if entry.state is Link.ACCEPTED and entry.life == tx:
             self._send(entry, now_s, sender, "accept")
 
     def _on_accept(self, sender: str, entry: Entry, tx: TransactionId, now_s: float) -> None:
         if entry.life != tx:
+            self.outbox.append(LinkMessage(to=sender, kind="unknown", tx=tx))
             return
         if entry.state is Link.OFFERED:
             entry.state, entry.since_s = Link.ON, now_s
@@ -253,7 +258,8 @@ class LinkTable:
         if last:
             entry = self.entries.setdefault(coordinator, Entry())
             again = entry.state is Link.DOUBT and entry.tx == tx
-            if again or (self.vouches(coordinator) and self.vouches(sender) and tx not in self._closed):
+            sound = self.vouches(coordinator) and self.vouches(sender)
+            if again or (sound and tx not in self._closed and self._current(tx)):
                 entry.state, entry.tx, entry.since_s = Link.DOUBT, tx, now_s
                 entry.sent_s = now_s
                 self.outbox.append(LinkMessage(to=coordinator, kind="yes", tx=tx))
@@ -300,6 +306,17 @@ class LinkTable:
         else:
             answer = "abort"
         self.outbox.append(LinkMessage(to=sender, kind=answer, tx=tx))
+
+    def _on_unknown(self, sender: str, entry: Entry, tx: TransactionId, now_s: float) -> None:
+        """The other end knows nothing of this removal or this life of the link: enforce, and offer it anew (rule 6)."""
+        lost = entry.state is Link.DOUBT and entry.tx == tx and tx.coordinator == sender
+        if lost or (entry.state is Link.ACCEPTED and entry.life == tx):
+            entry.state, entry.tx = Link.DOUBT, None
+            self.offer(sender, now_s)
+
+    def _current(self, tx: TransactionId) -> bool:
+        """Not of a boot that its coordinator has left behind, as far as this robot knows."""
+        return self._boots.get(tx.coordinator, tx.boot) == tx.boot
 
     def _abort(self) -> None:
         removal = self.removal

@@ -67,7 +67,7 @@ class FarEnd(LinkTable):
         return self.vouches(sender)
 
     def fresh(self, tx: TransactionId) -> bool:
-        return tx not in self._closed
+        return tx not in self._closed and self._current(tx)
 
     def _on_lock(self, sender: str, message: LinkMessage, now_s: float) -> None:
         path, tx = message.path, message.tx

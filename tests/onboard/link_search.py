@@ -271,7 +271,7 @@ def copy_of(table: LinkTable) -> LinkTable:
     made.entries = {name: Entry(e.state, e.tx, 0.0, 0.0, e.life) for name, e in table.entries.items()}
     made.outbox = []
     made.removal = table.removal and Removal(table.removal.tx, table.removal.other, 0.0)
-    for name in ("_committed", "_closed", "_boots"):
+    for name in ("_committed", "_closed", "_boots", "_lives"):
         setattr(made, name, dict(getattr(table, name)))
     return made
 
@@ -288,7 +288,8 @@ def key_of(table: LinkTable) -> object:
     links = tuple(sorted((name, e.state.value, ident(e.tx), ident(e.life)) for name, e in table.entries.items()))
     removal = table.removal and (ident(table.removal.tx), table.removal.other)
     closed, committed = (frozenset(map(ident, memory)) for memory in (table._closed, table._committed))
-    return (table.robot, table.boot, table._counter, links, removal, closed, committed)
+    lives = tuple(sorted((name, ident(tx)) for name, tx in table._lives.items()))
+    return (table.robot, table.boot, table._counter, links, removal, closed, committed, lives)
 
 
 def ident(tx: TransactionId | None) -> tuple[str, int, int]:

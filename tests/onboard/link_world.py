@@ -4,6 +4,7 @@ Robots propose removals along random detours that they believe in; nothing else 
 checked after every delivery: the graph of links enforced at both ends is connected.
 """
 
+import math
 import random
 from collections.abc import Iterable
 
@@ -95,7 +96,7 @@ class LinkWorld:
 
     def reboot(self, name: str) -> None:
         """A robot loses its memory; by rule 8 it stands still, which enforces every link, until joined again."""
-        others = [other for other in self.names if self.tables[other].enforces(name)]
+        others = [other for other in self.names if other != name]
         self.tables[name] = self._table(name, boot=self.tables[name].boot + 1)
         self.must_join.add(name)
         for other in others:
@@ -145,6 +146,124 @@ class LinkWorld:
                 if pair not in ((Link.ON, Link.ON), (Link.OFF, Link.OFF)):
                     wrong.append(f"{a}-{b}: {pair[0].value}/{pair[1].value}")
         return wrong
+
+
+class RoamingWorld(LinkWorld):
+    """Robots on a plane that move, hear each other only within range, offer links, crash and reboot.
+
+    A robot moves only while every link it enforces to a robot within range stays within range; one that is dead or
+    has not been joined again stands still. What must hold: the robots are connected on the plane, at all times.
+    """
+
+    RANGE_M = 1.0
+    OFFER_M = 0.8
+    STEP_M = 0.15
+
+    def __init__(self, robots: int, rng: random.Random, table: type[LinkTable] = LinkTable) -> None:
+        self.places = [(0.0, 0.0)]
+        while len(self.places) < robots:
+            x, y = rng.choice(self.places)
+            self.places.append((x + rng.uniform(-0.7, 0.7), y + rng.uniform(-0.7, 0.7)))
+        edges = [(a, b) for b in range(robots) for a in range(b) if math.dist(self.places[a], self.places[b]) <= 1.0]
+        super().__init__(robots, edges, table)
+        self.moves = self.lost = 0
+
+    def distance_m(self, a: str, b: str) -> float:
+        return math.dist(self.places[self.names.index(a)], self.places[self.names.index(b)])
+
+    def deliver(self, index: int, *, lose: bool = False, duplicate: bool = False) -> None:
+        sender, message = self.radio[index]
+        out_of_range = self.distance_m(sender, message.to) > self.RANGE_M
+        self.lost += out_of_range
+        super().deliver(index, lose=lose or out_of_range, duplicate=duplicate and not out_of_range)
+
+    def wander(self, rng: random.Random) -> None:
+        """One robot takes a step, if its links let it."""
+        k = rng.randrange(len(self.names))
+        name = self.names[k]
+        if name in self.dead or name in self.must_join:
+            return
+        x, y = self.places[k]
+        angle, step_m = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, self.STEP_M)
+        new = (x + step_m * math.cos(angle), y + step_m * math.sin(angle))
+        for other in self.tables[name].enforced():
+            place = self.places[self.names.index(other)]
+            if math.dist((x, y), place) <= self.RANGE_M < math.dist(new, place):
+                return
+        self.places[k] = new
+        self.moves += 1
+        self.check()
+
+    def meet(self) -> None:
+        """Offers as the law makes them: the lower id to who is near enough, and everybody around a newcomer."""
+        for i, a in enumerate(self.names):
+            for b in self.names[i + 1 :]:
+                if a in self.dead or b in self.dead:
+                    continue
+                new = a in self.must_join or b in self.must_join
+                if self.distance_m(a, b) <= (self.RANGE_M if new else self.OFFER_M):
+                    for one, other in ((a, b), (b, a)) if new else ((a, b),):
+                        self.tables[one].offer(other, self.now_s)
+        for name in list(self.must_join):
+            around = [b for b in self.names if b != name and self.distance_m(name, b) <= self.RANGE_M]
+            if all(self.tables[name].state(b) is Link.ON for b in around):
+                self.must_join.discard(name)
+        self.collect()
+        self.check()
+
+    def crash(self, name: str) -> None:
+        """It falls silent for good and stands still; the others notice and vouch for it no more."""
+        self.dead.add(name)
+        for other, table in self.tables.items():
+            if other != name:
+                table.note_silence(self.dead)
+
+    def _holds(self, a: str, b: str) -> bool:
+        """Standing still holds every link within range."""
+        still = a in self.dead or a in self.must_join
+        return self.tables[a].enforces(b) or (still and self.distance_m(a, b) <= self.RANGE_M)
+
+    def check(self) -> None:
+        """The invariant: the links enforced at both ends, none longer than the range, join everybody."""
+        for a, b in self.enforced_edges():
+            if self.distance_m(a, b) > self.RANGE_M + 1e-9:
+                raise Split(f"{a}-{b} is enforced at both ends and {self.distance_m(a, b):.3f} m long")
+        super().check()
+
+    def open_ends(self) -> list[str]:
+        """Only among living robots within range: the others cannot know."""
+        return [words for words in super().open_ends() if not self._excused(words)]
+
+    def _excused(self, words: str) -> bool:
+        a, b = words.partition(":")[0].split("-")
+        return a in self.dead or b in self.dead or self.distance_m(a, b) > self.RANGE_M
+
+
+def roam(world: RoamingWorld, rng: random.Random, steps: int, loss: float = 0.15, faults: float = 0.0) -> None:
+    """Random life on the plane; ``faults`` is the chance of a crash or a reboot at each step."""
+    for _ in range(steps):
+        dice = rng.random()
+        if rng.random() < faults:
+            alive = [name for name in world.names if name not in world.dead]
+            if rng.random() < 0.3 and len(alive) > 2:
+                world.crash(rng.choice(alive))
+            else:
+                world.reboot(rng.choice(alive))
+            world.check()
+        if dice < 0.12:
+            world.propose(rng)
+            world.collect()
+        elif dice < 0.17:
+            world.meet()
+        elif dice < 0.40:
+            world.wander(rng)
+        elif dice < 0.50 or not world.radio:
+            world.tick(rng.choice((0.02, 0.1, 0.35)))
+        else:
+            lose, duplicate = rng.random() < loss, rng.random() < 0.1
+            world.deliver(rng.randrange(len(world.radio)), lose=lose, duplicate=duplicate)
+        if len(world.radio) > 400:
+            del world.radio[: len(world.radio) - 400]
 
 
 def play(world: LinkWorld, rng: random.Random, steps: int, loss: float = 0.15, duplication: float = 0.1) -> None:
