@@ -167,6 +167,8 @@ class RoamingWorld(LinkWorld):
         edges = [(a, b) for b in range(robots) for a in range(b) if math.dist(self.places[a], self.places[b]) <= 1.0]
         super().__init__(robots, edges, table)
         self.moves = self.lost = 0
+        self._way = [rng.uniform(-math.pi, math.pi) for _ in range(robots)]
+        """Where each would rather go."""
 
     def distance_m(self, a: str, b: str) -> float:
         return math.dist(self.places[self.names.index(a)], self.places[self.names.index(b)])
@@ -184,7 +186,7 @@ class RoamingWorld(LinkWorld):
         if name in self.dead or name in self.must_join:
             return
         x, y = self.places[k]
-        angle, step_m = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, self.STEP_M)
+        angle, step_m = self._way[k] + rng.uniform(-1.5, 1.5), rng.uniform(0.0, self.STEP_M)
         new = (x + step_m * math.cos(angle), y + step_m * math.sin(angle))
         for other in self.tables[name].enforced():
             place = self.places[self.names.index(other)]
