@@ -7,6 +7,7 @@ from contract.messages import WheelFeedback
 from drivers.base import STANDSTILL, ControllerFault, DiffDrive, DriverError, LinkLost, Site, WheelSpeeds
 from drivers.gate import Gate, GateLimits
 from drivers.health import Health
+from drivers.trim import Trim
 
 
 def limits_of(site: Site) -> GateLimits:
@@ -25,8 +26,9 @@ class GatedDrive:
     both stops a robot whose control law went silent and feeds the device watchdog at standstill.
     """
 
-    def __init__(self, inner: DiffDrive, gate: Gate, health: Health) -> None:
+    def __init__(self, inner: DiffDrive, gate: Gate, health: Health, trim: Trim | None = None) -> None:
         self.inner = inner
+        self.trim = Trim() if trim is None else trim
         self.gate = gate
         self.health = health
 
@@ -59,7 +61,7 @@ class GatedDrive:
         """:param stamp_ns: when the command was computed, if earlier than ``now_ns``."""
         left, right = self.gate.permit(*speeds, now_ns if stamp_ns is None else stamp_ns, now_ns)
         self.health.command(left, right, now_ns)
-        self.inner.write(WheelSpeeds(left, right), now_ns)
+        self.inner.write(WheelSpeeds(left, right) if self.trim.idle else self.trim.outward(left, right), now_ns)
 
     def poll(self, now_ns: int) -> None:
         if self.gate.tick(now_ns) is not None:
@@ -71,6 +73,7 @@ class GatedDrive:
         sample = self.inner.read(now_ns)
         if sample is not None:
             self.health.measured(sample, now_ns)
+            sample = self.trim.sample(sample)
         return sample
 
     def why_silent(self) -> str:

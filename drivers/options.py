@@ -15,9 +15,15 @@ GearRatio = Annotated[float, Meta(gt=0.0, le=1000.0, description="motor turns pe
 Inverted = Annotated[bool, Meta(description="this motor turns backwards for forward motion")]
 
 
+Multiplier = Annotated[float, Meta(ge=0.5, le=2.0, description="real over nominal dimension, from calibration")]
+
+
 class WheelOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Common to all families."""
 
     gear_ratio: GearRatio = 1.0
     left_inverted: Inverted = False
     right_inverted: Inverted = False
+    left_wheel_radius_multiplier: Multiplier = 1.0
+    right_wheel_radius_multiplier: Multiplier = 1.0
+    wheel_separation_multiplier: Multiplier = 1.0

@@ -15,6 +15,7 @@ from drivers.gate import Gate
 from drivers.gated import GatedDrive, limits_of
 from drivers.health import Health
 from drivers.options import WheelOptions
+from drivers.trim import Trim
 
 
 class Family(NamedTuple):
@@ -99,6 +100,15 @@ def port_path(table: Mapping[str, Any]) -> str:
     return str(table.get(family.port_key, "")) if family else ""
 
 
+def trim_of(options: WheelOptions) -> Trim:
+    """The robot's own dimensions."""
+    return Trim(
+        options.left_wheel_radius_multiplier,
+        options.right_wheel_radius_multiplier,
+        options.wheel_separation_multiplier,
+    )
+
+
 def open_drive(
     robot_id: str,
     wheels_table: Mapping[str, Any],
@@ -118,7 +128,7 @@ def open_drive(
     module = module_of(family)
     site = Site(platform, safety, max_speed_mps, control_period_s)
     drive = module.Drive(robot_id, options, site, module.open_port(options) if port is None else port)
-    return GatedDrive(drive, Gate(limits_of(site)), Health(safety, drive.dead_zone_radps))
+    return GatedDrive(drive, Gate(limits_of(site)), Health(safety, drive.dead_zone_radps), trim_of(options))
 
 
 def open_robot(arena: Arena, robot_id: str, port: Any = None) -> GatedDrive:
