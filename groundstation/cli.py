@@ -44,6 +44,7 @@ VERBS: dict[str, Verb] = {
     "record": Verb("groundstation.recorder", "record everything the swarm says", "Judge"),
     "recover": Verb("groundstation.recover", "repair a recording that was cut off", "Judge"),
     "metrics": Verb("groundstation.runfolder", "recompute metrics.json from a recording alone", "Judge"),
+    "calibrate": Verb("groundstation.calibrate", "a robot's true dimensions and brakes, from a recording", "Judge"),
     "report": Verb("groundstation.report", "figures and a page to hand on, from a run's recording", "Judge"),
     "replay": Verb("groundstation.replay", "feed a recording to the same agents and compare, bit for bit", "Judge"),
     "topics": Verb("groundstation.topics", "list every topic, its message and its quality of service", "Judge"),
