@@ -9,8 +9,6 @@ from typing import Literal, NamedTuple
 
 from contract.arena import Safety
 
-CLOCK_TOLERANCE_NS = 20_000_000
-"""A stamp may lie this far in the future before it is a fault: uncertainty of the site clock."""
 LOST_FACTOR = 4
 """Silence of the station or the wheels for this many of its thresholds turns HOLD into STOP."""
 
@@ -221,13 +219,13 @@ FAILSAFES: tuple[Failsafe, ...] = (
     ),
     Failsafe(
         "pose_ahead",
-        "the pose is stamped in the future, beyond the clock's uncertainty",
-        f"{CLOCK_TOLERANCE_NS // 1_000_000} ms",
+        "the pose is stamped in the future, beyond the clock's uncertainty (negative age)",
+        "safety.clock_tolerance_s",
         "hold",
         _NEXT,
         "by itself with a pose of the right time",
         "check the clock synchronisation of the bridge",
-        lambda s: s.conditions.pose_stamp_ns > s.now_ns + CLOCK_TOLERANCE_NS,
+        lambda s: s.conditions.pose_stamp_ns > s.now_ns + round(s.safety.clock_tolerance_s * 1e9),
         lambda s: _milliseconds(-age_s(s.conditions.pose_stamp_ns, s.now_ns)),
     ),
     Failsafe(

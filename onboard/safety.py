@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 from contract.arena import Arena, digest
 from contract.messages import SCHEMA_VERSION, RunState, StationHeartbeat, StopRequest
-from onboard.failsafes import CLOCK_TOLERANCE_NS, FAILSAFES, Action, Conditions, Sight, age_s, text
+from onboard.failsafes import FAILSAFES, Action, Conditions, Sight, age_s, text
 from onboard.limits import REST_MPS
 
 Event = Literal["arm", "run", "hold", "disarm", "adopt", "stop", "halt", "fault"]
@@ -97,7 +97,7 @@ class Supervisor:
             self._apply("stop", now_ns, "the station ordered stop", "release (`disarm`) when it is safe")
         newcomer = message.boot != self._station_boot
         age_ns = now_ns - message.stamp_ns
-        late = age_ns > self._safety.heartbeat_timeout_s * 1e9 or age_ns < -CLOCK_TOLERANCE_NS
+        late = age_ns > self._safety.heartbeat_timeout_s * 1e9 or age_ns < -round(self._safety.clock_tolerance_s * 1e9)
         if late or (not newcomer and message.seq <= self._seq):
             self.ignored_heartbeats += 1
             return

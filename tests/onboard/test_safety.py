@@ -258,8 +258,7 @@ def test_every_row_has_a_case() -> None:
     assert ROWS.keys() | BY_TIME == {row.name for row in FAILSAFES}
 
 
-@pytest.mark.parametrize("row", [row for row in FAILSAFES if row.name in ROWS], ids=lambda row: row.name)
-def test_failsafe(row) -> None:
+def check_row(row) -> None:
     bad, fine = ROWS[row.name]
     passing = long_active("running").assess(**fine)
     assert (passing.run, passing.may_move) == ("running", True)
@@ -273,6 +272,37 @@ def test_failsafe(row) -> None:
     assert verdict.enable
     after = bench.assess()
     assert after.may_move == (row.action in ("hold", "warn"))
+
+
+@pytest.mark.parametrize("row", [row for row in FAILSAFES if row.name in ROWS], ids=lambda row: row.name)
+def test_failsafe(row) -> None:
+    check_row(row)
+
+
+@pytest.mark.parametrize("row", [row for row in FAILSAFES if row.name in ROWS], ids=lambda row: row.name)
+def test_a_row_without_its_threshold_is_found_out(row, monkeypatch: pytest.MonkeyPatch) -> None:
+    blind = tuple(r._replace(tripped=lambda sight: False) if r is row else r for r in FAILSAFES)
+    monkeypatch.setattr("onboard.safety.FAILSAFES", blind)
+    with pytest.raises(AssertionError):
+        check_row(row)
+
+
+@pytest.mark.parametrize(
+    ("name", "check"),
+    [
+        ("station_silent", "test_station_silence_holds_then_stops"),
+        ("station_lost", "test_station_silence_holds_then_stops"),
+        ("station_mismatch", "test_a_station_with_another_file_or_schema_is_refused"),
+    ],
+)
+def test_a_row_of_time_without_its_threshold_is_found_out(
+    name: str, check: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blind = tuple(r._replace(tripped=lambda sight: False) if r.name == name else r for r in FAILSAFES)
+    monkeypatch.setattr("onboard.safety.FAILSAFES", blind)
+    arguments = ({"schema_version": 99},) if name == "station_mismatch" else ()
+    with pytest.raises(AssertionError):
+        globals()[check](*arguments)
 
 
 @pytest.mark.parametrize("state", STATES)
