@@ -47,6 +47,7 @@ VERBS: dict[str, Verb] = {
     "calibrate": Verb("groundstation.calibrate", "a robot's true dimensions and brakes, from a recording", "Judge"),
     "report": Verb("groundstation.report", "figures and a page to hand on, from a run's recording", "Judge"),
     "replay": Verb("groundstation.replay", "feed a recording to the same agents and compare, bit for bit", "Judge"),
+    "foxglove": Verb("groundstation.visualise", "add channels that Foxglove and rerun show without a plug-in", "Judge"),
     "topics": Verb("groundstation.topics", "list every topic, its message and its quality of service", "Judge"),
 }
 

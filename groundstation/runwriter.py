@@ -114,6 +114,16 @@ class RunWriter:
         self._writer.add_message(channel, log_ns, payload, log_ns, sequence & 0xFFFFFFFF)
         self.messages += 1
 
+    def show(self, topic: str, schema: tuple[str, str, bytes], payload: bytes, log_ns: int) -> None:
+        """One message for viewers; ``schema`` is its name, encoding (also the message's) and definition."""
+        name, encoding, definition = schema
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, encoding, definition)
+        channel = self._channels.get((topic, True))
+        if channel is None:
+            channel = self._channels[topic, True] = self._writer.register_channel(topic, encoding, self._schemas[name])
+        self._writer.add_message(channel, log_ns, payload, log_ns)
+
     def commit(self) -> None:
         """Close the chunk in progress and have it on the disk.
 
