@@ -21,7 +21,8 @@ WHEELS: tuple[dict[str, Any], ...] = (
 """Of the robots in turn; no port is ever opened."""
 MAX_DECELERATION_MPS2 = 100.0
 MIN_LAG_S = 0.001
-SHORTEST_WATCHDOG_S = 0.02
+SHORTEST_COMMAND_AGE_S = 0.02
+SHORTEST_WATCHDOG_S = 0.021
 """Robots that stop at once, as the paper's do, stop at once when cut off, too."""
 SURE_AGE_S = 0.05
 """The supervisor tolerates poses older than the conditions make them by this."""
@@ -70,6 +71,7 @@ def arena_for(job: Job) -> Arena:
     safety = Safety(
         max_slew_mps2=1000.0 if at_once else usual.max_slew_mps2,
         watchdog_s=SHORTEST_WATCHDOG_S if at_once and not job.wired else usual.watchdog_s,
+        command_age_s=SHORTEST_COMMAND_AGE_S if at_once and not job.wired else usual.command_age_s,
         max_pose_age_s=max(usual.max_pose_age_s, world.pose_age_s[1] + SURE_AGE_S),
     )
     return Arena(
@@ -109,7 +111,11 @@ def stages(job: Job) -> Iterator[Result | None]:
 
     with SavedRun(arena, Path(job.save), f"simulate-{job.robots}-{job.targets}-{job.seed}") as saved:
         world = World(arena, place, job.faced, job.seed, job.limit_s, wired=job.wired, tap=saved.hear)
-        yield from _stages(world)
+        found = None
+        for found in _stages(world):
+            if found is None:
+                yield None
+    yield found
 
 
 def _stages(world: World) -> Iterator[Result | None]:
