@@ -30,6 +30,7 @@ VERBS: dict[str, Verb] = {
     "simulate": Verb("groundstation.simulate", "run many missions in lockstep virtual time", "Try"),
     "experiment": Verb("groundstation.experiment", "run a file's trials, resumable, and aggregate them", "Try"),
     "mock-arena": Verb("groundstation.mock_arena", "emulate wheels, bodies and motion capture of an arena", "Try"),
+    "doctor": Verb("groundstation.doctor", "check the whole fleet before it gets power", "Run"),
     "arm": Verb("groundstation.orders", "let the robots' wheels be driven", "Run"),
     "start": Verb("groundstation.orders", "start the mission", "Run"),
     "hold": Verb("groundstation.orders", "pause: robots hold their place under control", "Run"),

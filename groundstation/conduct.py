@@ -2,6 +2,7 @@
 
 import argparse
 import secrets
+import shutil
 import signal
 import sys
 import time
@@ -9,8 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from contract.arena import Arena, load
-from contract.messages import Message, TargetCloud
+from contract.messages import LogEntry, Message, TargetCloud
 from groundstation import current
+from groundstation.failsafes import OVERRIDABLE
 from groundstation.link import Link, LinkError
 from groundstation.session import Plan, Session
 from groundstation.targets import CloudError, cloud_of
@@ -18,6 +20,7 @@ from groundstation.targets import CloudError, cloud_of
 HEARTBEAT_NS = 50_000_000
 STATUS_NS = 100_000_000
 CLOUD_NS = 500_000_000
+DISK_NS = 1_000_000_000
 
 
 def new_session(arena: Arena, cloud: TargetCloud, plan: Plan) -> Session:
@@ -28,14 +31,19 @@ def new_session(arena: Arena, cloud: TargetCloud, plan: Plan) -> Session:
 class Conductor:
     """Publishes heartbeat, cloud and status when they are due, and feeds the session what arrives."""
 
-    def __init__(self, arena: Arena, session: Session, cloud: TargetCloud, link: Link) -> None:
+    def __init__(
+        self, arena: Arena, session: Session, cloud: TargetCloud, link: Link, folder: Path | None = None
+    ) -> None:
+        """:param folder: where the recording is written; the room there is looked at once a second."""
+        self._folder = folder
+        self._phase = session.phase
         self.session = session
         session.cloud = cloud
         self._link = link
         self.listener: Callable[[Message, float], None] | None = None
         """Also told every message, with the monotonic time in seconds."""
         self._told = cloud
-        self._due = {"heartbeat": 0, "targets": 0, "status": 0}
+        self._due = {"heartbeat": 0, "targets": 0, "status": 0, "disk": 0}
         keys = link.keys
         link.subscribe([keys.mocap_frame, keys.stop, keys.order, keys.seed])
         link.subscribe(key for robot in arena.robots for key in (keys.report(robot), keys.state(robot)))
@@ -47,8 +55,11 @@ class Conductor:
             if self.listener is not None:
                 self.listener(message, time.monotonic())
         now_ns = time.monotonic_ns()
+        if self._take("disk", DISK_NS, now_ns) and self._folder is not None:
+            self.session.disk_free_mb = shutil.disk_usage(self._folder).free / 1e6
         if self._take("heartbeat", HEARTBEAT_NS, now_ns):
             self.session.advance(now_ns)
+            self._note_overrides(now_ns)
             self._link.publish(self._link.keys.heartbeat, self.session.heartbeat(now_ns), "heartbeat")
         if self.session.cloud is not self._told:
             self._told, self._due["targets"] = self.session.cloud, now_ns
@@ -70,6 +81,15 @@ class Conductor:
             self.turn()
         return True
 
+    def _note_overrides(self, now_ns: int) -> None:
+        """What the operator has taken on goes into the recording with every start."""
+        before, self._phase = self._phase, self.session.phase
+        if self._phase == "running" and before != "running":
+            for name in self.session.overrides:
+                words = f"{name} overridden by the operator"
+                entry = LogEntry(stamp_ns=now_ns, level="warning", source="station", event="override", text=words)
+                self._link.publish(self._link.keys.log("station"), entry, "log")
+
     def _take(self, what: str, period_ns: int, now_ns: int) -> bool:
         if now_ns < self._due[what]:
             return False
@@ -80,6 +100,12 @@ class Conductor:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
+    parser.add_argument("--quorum", type=int, default=0, metavar="N", help="start with N robots, late ones join")
+    parser.add_argument(
+        "--override", action="append", default=[], choices=OVERRIDABLE, metavar="CHECK",
+        help=f"start although this check fails ({', '.join(OVERRIDABLE)}); recorded",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the recording is written")
     parser.add_argument("--mission", default="", metavar="NAME", help="name of the mission in the recording")
 
 
@@ -91,13 +117,17 @@ def run(args: argparse.Namespace) -> int:
     except CloudError as error:
         print(error, file=sys.stderr)
         return 2
+    if not 0 <= args.quorum <= len(arena.robots):
+        print(f"session: --quorum {args.quorum}: from 1 to {len(arena.robots)} robots, 0 for all", file=sys.stderr)
+        return 2
+    plan = Plan(quorum=args.quorum, overrides=tuple(args.override))
     going = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: going.clear())
     try:
         with Link(arena, "station") as link:
             current.remember(args.arena)
-            conductor = Conductor(arena, new_session(arena, cloud, Plan()), cloud, link)
+            conductor = Conductor(arena, new_session(arena, cloud, plan), cloud, link, args.out)
             print("READY station", flush=True)
             words = ""
             while going:

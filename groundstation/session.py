@@ -302,7 +302,8 @@ class Session:
             return
         if self.phase == "waiting":
             words = f"ready without {', '.join(self.missing)}" if self.missing else "all robots ready"
-            self.phase, self.detail = "ready", f"{words}; arm to go on"
+            taken_on = f"; overridden: {', '.join(self._plan.overrides)}" if self._plan.overrides else ""
+            self.phase, self.detail = "ready", f"{words}; arm to go on{taken_on}"
             if self._plan.automatic:
                 self._give("arm", now_ns)
         if self._order != "arm":
@@ -385,6 +386,11 @@ class Session:
         self._order_id += 1
 
     # --- out --------------------------------------------------------------------------------------
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Checks that the operator has taken on."""
+        return self._plan.overrides
 
     @property
     def at_rest(self) -> bool:

@@ -1,0 +1,125 @@
+"""``doctor``: pre-flight checks over the whole fleet, before any wheel gets power. Needs the router alone."""
+
+import argparse
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+
+from contract.arena import Arena, digest, load
+from contract.checks import CheckResult, worst
+from contract.messages import Message, MocapFrame, MocapHealth, RobotReport, StationHeartbeat
+from groundstation.connectivity import summary
+from groundstation.current import recall
+from groundstation.failsafes import Facts
+from groundstation.link import Link, LinkError
+from groundstation.preflight import Fleet, preflight
+
+LISTEN_S = 1.5
+"""The bridge tells its health once a second."""
+
+
+class Ear:
+    """Everything the checks look at, as it arrives."""
+
+    def __init__(self, arena: Arena, disk_free_mb: float | None) -> None:
+        self._arena = arena
+        self._disk_free_mb = disk_free_mb
+        self._reports: dict[str, RobotReport] = {}
+        self._heard_ns: dict[str, int] = {}
+        self._places: dict[str, tuple[float, float]] = {}
+        self._frame_ns = 0
+        self._health: MocapHealth | None = None
+        self._heartbeat_ns: int | None = None
+
+    def receive(self, message: Message, now_ns: int) -> None:
+        match message:
+            case RobotReport():
+                self._reports[message.robot], self._heard_ns[message.robot] = message, now_ns
+            case MocapFrame():
+                self._frame_ns = now_ns
+                known = self._arena.robots
+                self._places = {b.robot: (b.x_m, b.y_m) for b in message.bodies if b.valid and b.robot in known}
+            case MocapHealth():
+                self._health = message
+            case StationHeartbeat():
+                self._heartbeat_ns = now_ns
+            case _:
+                pass
+
+    def fleet(self, now_ns: int) -> Fleet:
+        """What has been heard by now."""
+        _, pieces = summary(list(self._places.values()), self._arena.control.sensing_radius_m)
+        facts = Facts(
+            now_ns=now_ns,
+            arena=self._arena,
+            arena_hash=digest(self._arena),
+            crew=tuple(self._arena.robots),
+            reports=self._reports,
+            heard_ns=self._heard_ns,
+            boots={},
+            seen=len(self._places),
+            frame_ns=self._frame_ns,
+            components=pieces,
+            disk_free_mb=self._disk_free_mb,
+        )
+        return Fleet(facts, self._places, self._health, self._heartbeat_ns)
+
+
+def listen(arena: Arena, seconds: float, folder: Path) -> Fleet:
+    """What the site says in that time, and the room on the disk of ``folder``.
+
+    :raises groundstation.link.LinkError: no router answers.
+    """
+    ear = Ear(arena, shutil.disk_usage(folder).free / 1e6)
+    with Link(arena, "doctor", timeout_s=2.0) as link:
+        keys = link.keys
+        link.subscribe([keys.mocap_frame, keys.mocap_health, keys.heartbeat])
+        link.subscribe(keys.report(name) for name in arena.robots)
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            link.wait(left)
+            for _, message in link.drain():
+                ear.receive(message, time.monotonic_ns())
+        return ear.fleet(time.monotonic_ns())
+
+
+def lines(results: list[CheckResult]) -> list[str]:
+    """A table for a person: what is wrong with its remedy below, then one line of what all comes to."""
+    wide = max(len(result.name) for result in results)
+    who = max(len(result.subject) for result in results)
+    found = []
+    for result in results:
+        found.append(f"{result.verdict.upper():<4}  {result.subject:<{who}}  {result.name:<{wide}}  {result.seen}")
+        if result.verdict != "pass" and result.remedy:
+            found.append(f"{'':<{who + wide + 10}}-> {result.remedy}")
+    count = {verdict: sum(result.verdict == verdict for result in results) for verdict in ("pass", "warn", "fail")}
+    found.append(f"{count['pass']} pass, {count['warn']} warn, {count['fail']} fail")
+    return found
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--arena", type=Path, metavar="FILE", help="arena file (the one of the session started last)")
+    parser.add_argument("--json", action="store_true", help="the checks as JSON, to standard output")
+    parser.add_argument("--wait", type=float, default=LISTEN_S, metavar="S", help="listen this long (%(default)s s)")
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where a recording will be written")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code 0 where nothing fails, 1 where something does."""
+    path = args.arena or recall()
+    if path is None:
+        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
+        return 2
+    arena = load(path)
+    try:
+        results = preflight(listen(arena, args.wait, args.out))
+    except LinkError as error:
+        results = [CheckResult(name="router", verdict="fail", seen=str(error)[:400], remedy="start the mocap bridge")]
+    if args.json:
+        print(msgspec.json.format(msgspec.json.encode(results)).decode())
+    else:
+        print("\n".join(lines(results)))
+    return 1 if worst(results) == "fail" else 0
