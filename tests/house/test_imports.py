@@ -48,6 +48,7 @@ SHELLS = (
     "mocap_bridge/verbs/*.py",
     "groundstation/conduct.py",
     "groundstation/demo.py",
+    "groundstation/doctor.py",
     "groundstation/errands.py",
     "groundstation/link.py",
     "groundstation/mock_arena.py",
