@@ -25,6 +25,7 @@ from contract.messages import (
     RunStatus,
     StationHeartbeat,
     StepBatch,
+    StopRequest,
     Target,
     TargetCloud,
 )
@@ -122,6 +123,9 @@ class World:
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
         self._hung: set[str] = set()
+        self.offline: set[str] = set()
+        """Robots that the network does not reach; what they say is lost, too."""
+        self.station_beats = True
         rng, conditions = self._rng, self.conditions
         plants = {}
         for name, start in zip(self.arena.robots, self.scenario.starts, strict=True):
@@ -190,6 +194,8 @@ class World:
         parcel = self.hops.pack(key, message)
         self._tell(key, parcel)
         for name in self.agents:
+            if name in self._hung or name in self.offline:
+                continue
             if (free_ns := self.hops.free_ns(name)) > self.now_ns:
                 self._at(free_ns, "message", name, (key, parcel))
             else:
@@ -282,7 +288,20 @@ class World:
     def _on_message(self, name: str, what: tuple[str, Any]) -> None:
         self.hops.deliver(name, *what, self.now_ns)
 
+    def stop(self, stop_id: int = 1) -> None:
+        """A StopRequest to all; robots obey between two frames."""
+        self._publish(self._keys.stop, StopRequest(stamp_ns=self.now_ns, source="lockstep", stop_id=stop_id))
+        for name, agent in self.agents.items():
+            if name not in self._hung and name not in self.offline:
+                self.hops.drive(name, agent.tick(self.now_ns), self.now_ns)
+
+    def whisper(self, name: str, key: str, message: Message) -> None:
+        """Something that only one robot is told."""
+        self.hops.deliver(name, key, self.hops.pack(key, message), self.now_ns)
+
     def _send(self, sender: str, key: str, message: Message) -> None:
+        if sender in self.offline:
+            return
         parcel = self.hops.pack(key, message) if self.tap is not None or isinstance(message, NeighbourState) else None
         self._tell(key, parcel)
         if isinstance(message, NeighbourState):
@@ -326,7 +345,8 @@ class World:
             mission=MISSION,
             arena_hash=self._digest,
         )
-        self._publish(self._keys.heartbeat, heartbeat)
+        if self.station_beats:
+            self._publish(self._keys.heartbeat, heartbeat)
         if self.tap is not None:
             self._tell_status("running" if self._running else "armed" if order == "arm" else "ready")
         self._at(self.now_ns + HEARTBEAT_NS, "heartbeat", "", None)

@@ -91,6 +91,7 @@ class Agent:
         self._pose_valid = False
         self._pose_reason = "never seen"
         self._start_direction = 0.0
+        self._excluded = False
         self._feedback: WheelFeedback | None = None
         self._driver_active = False
         self._driver_fault = ""
@@ -132,6 +133,9 @@ class Agent:
                 self._on_state(message, now_ns)
             case StationHeartbeat():
                 self.supervisor.heartbeat(message, now_ns)
+                if message.arena_hash == self._hash and message.schema_version == SCHEMA_VERSION:
+                    self._excluded = self.robot in message.excluded
+                    self.controller.exclude(frozenset(message.excluded))
             case StopRequest():
                 self.supervisor.stop_request(message, now_ns)
             case TargetCloud():
@@ -183,6 +187,11 @@ class Agent:
         """The supervisor's state."""
         return self.supervisor.state
 
+    @property
+    def verdict(self) -> Verdict | None:
+        """The supervisor's last word; None before the first step or tick."""
+        return self._verdict
+
     # --- the loop -----------------------------------------------------------------------------
 
     def step(self, now_ns: int) -> Drive:
@@ -202,7 +211,7 @@ class Agent:
             heard=self.sensing.heard(sighted, now_ns),
             targets=self.sensing.targets(own[0]),
             start_direction_rad=self._start_direction,
-            may_move=verdict.may_move,
+            may_move=verdict.may_move and not self._excluded,
         )
         self._follow_orders(now_ns)
         if self.controller.paper is not None and not self._going_home:

@@ -72,6 +72,10 @@ class Camera:
         self._random = random.Random(settings.seed)
         self._last: dict[str, Body] = {}
 
+    def follow(self, script: Script) -> None:
+        """Another script from now on."""
+        self._settings = self._settings._replace(script=script)
+
     def id(self, name: str, elapsed_s: float) -> int:
         """The id of a body, changed by every ``id_change`` so far."""
         changes = (f for f in self._settings.script.faults if f.kind == "id_change" and f.body == name)

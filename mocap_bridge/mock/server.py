@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from mocap_bridge.mock.bodies import MARKERS, BodyState, Camera, ServerSettings
+from mocap_bridge.mock.script import Fault, Script
 from mocap_bridge.natnet import handshake, modeldef, version
 from mocap_bridge.natnet.frame import EDIT_MODE, MODELS_CHANGED
 from mocap_bridge.natnet.frame_encode import Content, encode_frame
@@ -61,6 +62,12 @@ class EmulatedServer:
         self._queued = 0
         self._held: list[Outgoing] = []
         self._overtaken: list[Outgoing] = []
+
+    def inject(self, fault: Fault) -> None:
+        """Add a fault to the script."""
+        script = self.settings.script
+        self.settings = self.settings._replace(script=Script((*script.faults, fault)))
+        self._camera.follow(self.settings.script)
 
     # --- time ----------------------------------------------------------------------------------
 
