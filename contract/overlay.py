@@ -5,6 +5,8 @@ by key; intervals of ``[control.field]`` become the widest over all robots, sinc
 """
 
 import copy
+import json
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -50,3 +52,32 @@ def _merge(target: dict[str, Any], source: dict[str, Any]) -> None:
             _merge(target[key], value)
         elif value != {}:
             target[key] = value
+
+
+def save(path: Path, table: dict[str, Any]) -> None:
+    """Lay ``table`` over what the overlay says already; the file is replaced at once or not at all.
+
+    :raises OSError: not writable.
+    """
+    whole = tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    _merge(whole, table)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(".draft")
+    draft.write_text(text_of(whole), encoding="utf-8")
+    os.replace(draft, path)
+
+
+def text_of(table: dict[str, Any], path: tuple[str, ...] = ()) -> str:
+    """A table of tables, numbers, words, truth values and lists of them as TOML."""
+    lines = [f"{key} = {_value(value)}" for key, value in table.items() if not isinstance(value, dict)]
+    head = f"[{'.'.join(path)}]\n" if path and lines else ""
+    body = head + "".join(f"{line}\n" for line in lines)
+    return body + "".join(text_of(value, (*path, key)) for key, value in table.items() if isinstance(value, dict))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return json.dumps(value)

@@ -8,6 +8,9 @@ from collections.abc import Sequence
 VERBS = {
     "list": ("drivers.verbs.families", "controller families with every option explained"),
     "check": ("drivers.verbs.check", "check the wheels tables of an arena file"),
+    "doctor": ("drivers.verbs.doctor", "find adapters and ports; name what is wrong with the wheels, and the remedy"),
+    "jog": ("drivers.verbs.jog", "turn a robot's wheels from the keyboard"),
+    "identify": ("drivers.verbs.identify", "find out which wheel is which, and which way it turns"),
     "emulate": ("drivers.verbs.emulate", "run an emulated controller on a pty of its own"),
 }
 """Verb to its module and one-line help; a module is imported only when its verb is used."""
@@ -16,6 +19,7 @@ EPILOG = """\
 examples:
   ahdc-drivers list odrive                            options of one family
   ahdc-drivers check lab6.toml                        every fault with its path and allowed range
+  ahdc-drivers doctor lab6.toml --robot r06           what is wrong with its wheels, and what to do
   ahdc-drivers emulate roboclaw --port-link /tmp/rc   a RoboClaw any program can open at /tmp/rc
 exit codes: 0 good, 1 failed (says how), 2 bad input"""
 

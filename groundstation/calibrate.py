@@ -6,13 +6,10 @@ and accepted.
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
-
-import tomlkit
 
 from contract import overlay
 from contract.arena import Arena, load
@@ -60,17 +57,16 @@ def run(args: argparse.Namespace) -> int:
         print(line)
     target = overlay.folder_of(args.arena) / f"{args.robot}.toml"
     before = target.read_text(encoding="utf-8") if target.exists() else ""
-    after = tomlkit.dumps(found.overlay)
     print(f"\n{target}:")
     print("\n".join(difference(arena, args.robot, found.overlay)))
     if not args.yes and input("write it? [y/N] ").strip().lower() not in ("y", "yes"):
         print("nothing written")
         return 1
-    write(target, after)
+    overlay.save(target, found.overlay)
     try:
         load(args.arena)
     except ValueError as error:
-        write(target, before) if before else target.unlink()
+        target.write_text(before, encoding="utf-8") if before else target.unlink()
         print(f"the arena file does not accept it, nothing changed: {error}", file=sys.stderr)
         return 1
     return 0
@@ -168,14 +164,6 @@ def difference(arena: Arena, robot: str, table: dict[str, Any]) -> list[str]:
     for key, value in table.get("control", {}).get("field", {}).items():
         rows.append((f"control.field.{key}", list(getattr(arena.control.field, key)), value))
     return [f"  {path}: {old} -> {new}" for path, old, new in rows]
-
-
-def write(path: Path, text: str) -> None:
-    """Replace the file at once or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_suffix(".draft")
-    draft.write_text(text, encoding="utf-8")
-    os.replace(draft, path)
 
 
 def gather(robot: str, messages: Iterable[Message]) -> Streams:

@@ -16,6 +16,8 @@ from drivers.can.frame import CanFrame
 
 Dialect = Literal["0.5", "0.6"]
 
+GET_VERSION = 0x00
+"""0.6 only: protocol, hardware and firmware version."""
 HEARTBEAT = 0x01
 ESTOP = 0x02
 GET_ERROR = 0x03

@@ -175,6 +175,8 @@ class EmulatedOdrive:
         if axis.dialect == "0.5":
             axis.fed_ns = now_ns
         polled = frame.remote or (axis.dialect == "0.5" and not frame.data)
+        if frame.remote and command == 0x00 and axis.dialect == "0.6":
+            return [CanFrame(node * 32, bytes((2, 4, 4, 58, 0, 6, 10, 0)))]
         if polled and command in (0x01, 0x03, 0x04, 0x09, 0x14, 0x17):
             return [axis.message(command)]
         if frame.remote:

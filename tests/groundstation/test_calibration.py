@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from contract.arena import ArenaError, load
 from contract.messages import BodyPose, FeedbackBatch, Message, MocapFrame, RobotStep, StepBatch
-from contract.overlay import folder_of, overlaid
+from contract.overlay import folder_of, overlaid, save
 from drivers.base import WheelSpeeds
 from drivers.trim import Trim
 from groundstation import calibrate
@@ -170,7 +170,7 @@ def test_the_overlay_is_laid_over_the_arena_file(tmp_path: Path) -> None:
     path.write_text(ARENA)
     table = {"robots": {"r06": {"heading_offset_rad": 0.1, "wheels": {"wheel_separation_multiplier": 1.05}}}}
     target = folder_of(path) / "r06.toml"
-    calibrate.write(target, calibrate.tomlkit.dumps(table))
+    save(target, table)
     arena = load(path)
     assert arena.robots["r06"].heading_offset_rad == 0.1
     assert arena.robots["r06"].wheels["wheel_separation_multiplier"] == 1.05
