@@ -23,7 +23,7 @@ def bar(state: "PageState", rows: Sequence[Row], graph: Network, now_ns: int) ->
     return {
         "run": run,
         "cell": _robots(state, rows, stop),
-        "net": _network(graph, state.frame_age_s(now_ns)),
+        "net": _released() if run["state"] == "HOMING" else _network(graph, state.frame_age_s(now_ns)),
         "progress": _progress(state, stop),
         "time": _time(state),
         "stop": stop,
@@ -92,6 +92,8 @@ def _run(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None, n
         return said("NO STATION", "caution", "amber", "Run: ahdc-groundstation session")
     may, idle = _movers(rows)
     order = state.heartbeat.order if state.heartbeat is not None else ""
+    if status.phase == "homing":
+        return said("HOMING", "play", "blue", status.detail)
     if status.phase == "running" and order == "hold":
         return said("HOLDING", "hold", "blue", "Robots hold their places")
     if status.phase == "running":
@@ -159,6 +161,10 @@ def _network(graph: Network, age_s: float) -> dict[str, Any]:
     return {"word": graph.word, "l2": value, "sub": detail, "tone": tone}
 
 
+def _released() -> dict[str, Any]:
+    return {"word": "Released", "l2": None, "sub": "no links on the way home", "tone": ""}
+
+
 def _progress(state: "PageState", stop: dict[str, Any] | None) -> dict[str, Any]:
     total = len(state.cloud.targets) if state.cloud else 0
     done = len(state.status.occupied) if state.status else 0
@@ -214,11 +220,15 @@ def _checks(state: "PageState", graph: Network, now_ns: int) -> list[tuple[str, 
 def _can(state: "PageState", word: str, checks: Sequence[tuple[str, str]]) -> dict[str, bool]:
     phase = state.status.phase if state.status else ""
     good = word not in ("STOPPED", "STOPPING", "NO STATION")
+    idle = good and phase in ("waiting", "ready", "completed") and word in ("DISARMED", "COMPLETED")
+    begun = state.status is not None and bool(state.status.occupied)
     stray = any(level == "stray" for level, _ in checks)
     return {
         "seed": good and phase in ("waiting", "ready") and word == "DISARMED",
         "arm": good and phase == "ready" and word == "DISARMED",
         "start": good and not stray and (phase == "armed" or word == "HOLDING"),
         "hold": good and word == "RUNNING",
-        "disarm": good and word in ("ARMED", "ARMING", "HOLDING", "COMPLETED", "FAILED"),
+        "disarm": good and word in ("ARMED", "ARMING", "HOLDING", "HOMING", "COMPLETED", "FAILED"),
+        "repeat": idle and (begun or word == "COMPLETED"),
+        "home": idle and bool(state.misplaced()),
     }

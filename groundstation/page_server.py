@@ -15,12 +15,13 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, MutableMapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import HTTPConnection
+from starlette.requests import Request as HttpRequest
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
@@ -28,10 +29,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from contract.arena import Arena, load
 from contract.codec import WireError, decode
-from contract.messages import Message, OrderRequest, StopRequest, TargetCloud
+from contract.messages import Message, OrderRequest, Request, StopRequest, TargetCloud
 from groundstation.current import recall
 from groundstation.link import Link, LinkError
-from groundstation.orders import ORDERS
 from groundstation.page_seed import SeedError, cloud, points_of
 from groundstation.page_state import PageState
 
@@ -156,8 +156,8 @@ class Page:
         match message.get("do"):
             case "order":
                 order = message.get("order")
-                if order not in ("arm", "run", "hold", "disarm"):
-                    return f"order {order!r}: arm, run, hold or disarm (the verbs {', '.join(ORDERS)})"
+                if order not in get_args(Request):
+                    return f"order {order!r}: {', '.join(get_args(Request))}"
                 if self.state.latch.pressed is not None or (order == "disarm" and self._stopped()):
                     return "stopped: release first"
                 self._ask(OrderRequest(stamp_ns=now_ns, source="page", number=number, order=order), now_ns)
@@ -263,10 +263,10 @@ def is_loopback(host: str) -> bool:
 def application(page: Page) -> Starlette:
     """The routes: the page and its files, the socket, STOP by POST."""
 
-    async def index(request: Request) -> Response:
+    async def index(request: HttpRequest) -> Response:
         return FileResponse(WEB / "index.html", headers=HEADERS)
 
-    async def stop(request: Request) -> Response:
+    async def stop(request: HttpRequest) -> Response:
         try:
             body = msgspec.json.decode(await request.body())
         except msgspec.DecodeError:

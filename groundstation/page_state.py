@@ -29,6 +29,7 @@ from groundstation.page_links import Network, network
 from groundstation.page_reasons import POWERED, SILENT_S, Complaint, Heard, complaint
 from groundstation.page_stop import StopLatch
 from groundstation.scenes import clock, label
+from groundstation.session import MISPLACED_M
 
 CAUTION_AFTER_S = 1.0
 """A caution must last this long before it is shown: a single late step is no news."""
@@ -266,6 +267,13 @@ class PageState:
             return self.latch.silent
         return [name for name in self._names if not 0 <= self.report_age_s(name, now_ns) <= SILENT_S]
 
+    def misplaced(self) -> dict[str, float]:
+        """Robots that are not at their starts, with the distance in m."""
+        places = {name: pose[:2] for name, pose in self._poses.items()}
+        starts = {name: self.arena.robots[name].start for name in places}
+        away = {name: math.dist(place, starts[name]) for name, place in places.items()}
+        return {name: away_m for name, away_m in away.items() if away_m > MISPLACED_M}
+
     def complaints(self, now_ns: int) -> dict[str, Complaint]:
         """What is wrong, by robot."""
         found = {}
@@ -344,6 +352,9 @@ class PageState:
             row["jitter_ms"] = round(timing.jitter_ms, 1) if timing else None
             row["battery_v"] = round(report.battery_v, 1) if report.battery_v is not None else None
             row["report_s"] = round(self.report_age_s(name, now_ns), 2)
+            if report.run == "disarmed" or report.task == "homing":
+                away_m = self.misplaced().get(name)
+                row |= {} if away_m is None else {"away_m": round(away_m, 2)}
         if name in self._holds:
             row["hold"] = round(min(1.0, (now_ns - self._holds[name]) / 1e9 / self._hold_s), 3)
         if name in self.latch.acknowledged_ns:
@@ -414,7 +425,13 @@ def task_words(report: RobotReport) -> str:
         idle = {"disarmed": "Ready", "armed": "Armed", "holding": "Holding", "stopped": "Stopped", "fault": "Fault"}
         return idle[report.run]
     target = f" T{report.claim + 1:02d}" if report.claim >= 0 else ""
-    words = {"tracking": "Tracking", "occupied": "Occupying", "helping": "Helping", "free": "Searching"}
+    words = {
+        "tracking": "Tracking",
+        "occupied": "Occupying",
+        "helping": "Helping",
+        "free": "Searching",
+        "home": "At home",
+    }
     return words.get(report.task, report.task.capitalize()) + (
         target if report.task in ("tracking", "occupied") else ""
     )

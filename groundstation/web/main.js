@@ -7,10 +7,11 @@ import { download, Seed } from "./seed.js";
 import { Stop } from "./stop.js";
 
 const $ = (id) => document.getElementById(id);
+const HELD = ["Enter", "B"]; // what moves robots takes a long press
 const AGED_MS = 300, NO_DATA_MS = 1000, HOLD_MS = 600, ANSWER_MS = 2000;
 const token = new URLSearchParams(location.hash.slice(1)).get("token") || undefined;
 
-let socket = null, layout = null, view = null, viewAt = 0, asked = 0, holdFrom = 0, releaseNote = "", note = "";
+let socket = null, layout = null, view = null, viewAt = 0, asked = 0, holdFrom = 0, held = "", releaseNote = "", note = "";
 let history = [], marks = [];
 const waiting = new Map();
 
@@ -101,11 +102,14 @@ function drawAll() {
 function actionList() {
   const can = view.can, n = layout.robots.length, state = view.run.state;
   const rings = ["C", "Rings", true, false, () => { map.rings = !map.rings; }], lock = ["L", "Disarm", can.disarm, false, () => order("disarm")];
+  const home = ["B", "Home", can.home, false, () => order("home")], repeat = ["N", "Repeat", can.repeat, true, () => order("repeat")];
+  if (state === "HOMING") return [rings, lock];
+  if (state === "COMPLETED" && (can.repeat || can.home)) return [home, repeat];
   if (state === "RUNNING") return [rings, ["H", "Hold", can.hold, false, () => order("hold")]];
   if (state === "HOLDING") return [lock, ["Enter", "Go on", can.start, true, () => order("run")]];
   if (state === "ARMED" || state === "ARMING") return [lock, ["Enter", "Start", can.start, true, () => order("run")]];
   if (state === "COMPLETED" || state === "FAILED") return [rings, ["L", "Reset", can.disarm, true, () => order("disarm")]];
-  return [["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
+  return [can.home ? home : can.repeat ? repeat : ["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
 }
 
 let actions = [], actionWords = "";
@@ -125,7 +129,7 @@ function drawActions(stopped) {
 
 function loop(now) {
   if (layout) map.draw(now, seed, { stopped: document.body.classList.contains("stopped"), noData: noData() });
-  if (holdFrom && now - holdFrom >= HOLD_MS) { holdFrom = 0; actions.find(([key, , enabled]) => key === "Enter" && enabled)?.[4](); }
+  if (holdFrom && now - holdFrom >= HOLD_MS) { holdFrom = 0; actions.find(([key, , enabled]) => key === held && enabled)?.[4](); }
   requestAnimationFrame(loop);
 }
 
@@ -148,7 +152,7 @@ document.addEventListener("keydown", (event) => {
   if (event.target.tagName === "INPUT" || event.ctrlKey || event.metaKey || event.altKey || !view) return;
   const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
   if (seed.key(event, document.activeElement === $("map"))) { event.preventDefault(); return; }
-  if (key === "Enter") { event.preventDefault(); if (!event.repeat) holdFrom = performance.now(); return; }
+  if (HELD.includes(key)) { event.preventDefault(); if (!event.repeat) { holdFrom = performance.now(); held = key; } return; }
   const action = actions.find(([name, , enabled]) => name === key && enabled);
   if (event.repeat) return;
   if (action) action[4]();
@@ -164,7 +168,7 @@ document.addEventListener("keydown", (event) => {
   else if (key === "?") $("help").hidden = !$("help").hidden;
   else if (key === "Escape") { $("help").hidden = true; map.selected = null; }
 });
-document.addEventListener("keyup", (event) => { if (event.key === "Enter") holdFrom = 0; });
+document.addEventListener("keyup", () => { holdFrom = 0; });
 window.addEventListener("blur", () => { holdFrom = 0; });
 $("tool-point").addEventListener("click", () => { seed.mode = "point"; });
 $("tool-cloud").addEventListener("click", () => { seed.mode = "cloud"; });

@@ -78,6 +78,7 @@ export class ArenaMap {
     if (this.rings && chosen && !shown.stopped) this.drawRings(chosen);
     robots.forEach((r) => this.drawDoubt(r));
     this.drawLinks(robots, view.links, seed.open);
+    this.drawStarts(robots);
     this.drawClaims(robots, view, seed.points);
     this.drawTargets(view.targets, seed);
     robots.forEach((r, k) => this.drawRobot(r, this.layout.labels[k], shown.stopped));
@@ -202,6 +203,19 @@ export class ArenaMap {
         c.moveTo(mx - 6, my - 6); c.lineTo(mx + 6, my + 6); c.moveTo(mx + 6, my - 6); c.lineTo(mx - 6, my + 6); c.stroke();
       }
     }
+  }
+
+  /** Where each misplaced robot belongs. */
+  drawStarts(robots) {
+    const c = this.c;
+    c.strokeStyle = color("--ink3"); c.fillStyle = color("--ink3"); c.lineWidth = 1.8; c.font = "600 15px Inter"; c.textAlign = "center"; c.textBaseline = "middle";
+    robots.forEach((r, k) => {
+      if (r.away_m === undefined) return;
+      const [x, y] = this.toScreen(...this.layout.starts[k]);
+      c.setLineDash([5, 4]); c.beginPath(); c.arc(x, y, this.radius, 0, 7); c.stroke();
+      c.setLineDash([2, 6]); c.beginPath(); c.moveTo(x, y); c.lineTo(...this.toScreen(r.x, r.y)); c.stroke(); c.setLineDash([]);
+      if (!this.many) c.fillText(this.layout.labels[k], x, y);
+    });
   }
 
   drawClaims(robots, view, points) {

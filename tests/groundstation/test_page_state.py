@@ -301,7 +301,7 @@ def test_a_good_mission_in_one_glance(arena: Arena) -> None:
     assert view["time"]["big"] == "00:34"
     assert view["targets"].count("d") == 2
     assert view["stop"] is None
-    assert view["can"] == {"seed": False, "arm": False, "start": False, "hold": True, "disarm": False}
+    assert {name for name, may in view["can"].items() if may} == {"hold"}
     assert len(msgspec.json.encode(view)) < 6_000
 
 
@@ -356,3 +356,35 @@ def test_fifty_robots_and_five_hundred_targets_stay_small(arena: Arena) -> None:
     state = filled(big, now)
     state.receive(cloud_of(big, "m2"), now)
     assert len(msgspec.json.encode(state.view(now))) < 60_000
+
+
+def test_homing_is_no_mission_and_no_alarm_and_shows_where_robots_belong(arena: Arena) -> None:
+    now = 10**12
+    state = filled(arena, now, run="running", task="homing", links_on=())
+    state.receive(RunStatus(stamp_ns=now, phase="homing", detail="on the way: r06"), now)
+    state._poses["r06"] = (3.0, 4.0, 0.0, now)
+    view = state.view(now)
+    assert (view["run"]["state"], view["run"]["sub"]) == ("HOMING", "on the way: r06")
+    assert (view["net"]["word"], view["net"]["tone"]) == ("Released", "")
+    assert {name for name, may in view["can"].items() if may} == {"disarm"}
+    away = {row["id"]: row["away_m"] for row in view["robots"] if "away_m" in row}
+    assert list(away) == ["r06"]
+    assert away["r06"] == pytest.approx(math.dist((3.0, 4.0), arena.robots["r06"].start), abs=0.01)
+
+
+def test_repeat_and_home_are_offered_when_there_is_something_to_repeat_and_somebody_away(arena: Arena) -> None:
+    now = 10**12
+    state = filled(arena, now, run="disarmed")
+    state._poses["r06"] = (3.0, 4.0, 0.0, now)
+
+    def offered(phase: str, occupied: tuple[int, ...]) -> set[str]:
+        state.receive(RunStatus(stamp_ns=now, phase=phase, occupied=occupied), now)  # type: ignore[arg-type]
+        return {name for name, may in state.view(now)["can"].items() if may and name in ("repeat", "home")}
+
+    assert offered("completed", (1, 2)) == {"repeat", "home"}
+    assert offered("ready", (1, 2)) == {"repeat", "home"}
+    assert offered("ready", ()) == {"home"}
+    assert offered("running", (1,)) == set()
+    for name, robot in arena.robots.items():
+        state._poses[name] = (*robot.start, 0.0, now)
+    assert offered("ready", ()) == set()

@@ -186,6 +186,24 @@ def test_the_mission_goes_on_after_a_new_arm_and_start(page: Page) -> None:
     shoot(page, "b-completed")
 
 
+def test_home_by_a_long_press_then_the_same_targets_again(page: Page, arena: Arena) -> None:
+    wait_run(page, "COMPLETED")
+    page.keyboard.press("b")
+    page.keyboard.down("b")
+    wait_run(page, "HOMING")
+    page.keyboard.up("b")
+    expect(page.locator("#net-word")).to_have_text("Released")
+    shoot(page, "b-homing")
+    wait_run(page, "DISARMED")
+    expect(page.locator("[data-action=Home]")).to_have_count(0, timeout=PATIENCE_MS)
+    arm_and_start(page)
+    wait_run(page, "COMPLETED")
+    page.keyboard.press("n")
+    expect(page.locator("#progress-of")).to_have_text("placed", timeout=PATIENCE_MS)
+    arm_and_start(page)
+    wait_run(page, "COMPLETED")
+
+
 def test_a_dead_server_is_said_and_stop_says_it_is_not_confirmed(page: Page, arena: Arena) -> None:
     wait_run(page, "COMPLETED", "DISARMED")
     arena.page.signal(19)
