@@ -1,6 +1,7 @@
 """``ahdc-onboard``: the commands of a robot computer."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -36,7 +37,13 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
-    return {"run": run, "failsafes": failsafes}[arguments.verb](arguments)
+    try:
+        code = {"run": run, "failsafes": failsafes}[arguments.verb](arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FAILED
+    return code
 
 
 def failsafes(arguments: argparse.Namespace) -> int:

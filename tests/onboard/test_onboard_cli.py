@@ -1,5 +1,7 @@
 """``ahdc-onboard``: what it says before any robot runs."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -7,7 +9,8 @@ import pytest
 from onboard.cli import main
 from onboard.failsafes import markdown
 
-ARENA = Path(__file__).parents[2] / "groundstation" / "arenas" / "bench2.toml"
+ROOT = Path(__file__).parents[2]
+ARENA = ROOT / "groundstation" / "arenas" / "bench2.toml"
 
 
 def test_failsafes_prints_the_table(capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,3 +37,15 @@ def test_wrong_words_are_bad_input(words: list[str]) -> None:
     with pytest.raises(SystemExit) as ending:
         main(words)
     assert ending.value.code == 2
+
+
+@pytest.mark.parametrize("words", [("onboard", "failsafes"), ("groundstation", "topics")])
+def test_a_reader_that_leaves_early_gets_no_traceback(words: tuple[str, ...]) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", *words], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == b""
+        assert process.wait(30) == 1
