@@ -5,6 +5,7 @@ A family is a module with ``Options`` (a Struct whose fields explain themselves)
 """
 
 import importlib
+import importlib.metadata
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -54,8 +55,28 @@ class FamilyModule(Protocol):
     def Drive(self, robot: str, options: WheelOptions, site: Site, port: Any) -> DiffDrive: ...
 
 
+PLUG_INS = "ahdc.drivers"
+"""Entry point group: each entry names a :class:`Family` of another distribution."""
+
+
+def families() -> tuple[Family, ...]:
+    """Our own families and those of installed plug-ins.
+
+    :raises TypeError: an entry point names something else.
+    """
+    found = list(FAMILIES)
+    for entry in importlib.metadata.entry_points(group=PLUG_INS):
+        family = entry.load()
+        if not isinstance(family, Family):
+            raise TypeError(f"entry point {entry.name} of {PLUG_INS}: {entry.value} is no drivers.registry.Family")
+        found.append(family)
+    return tuple(found)
+
+
 def family_of(kind: object) -> Family | None:
-    return next((family for family in FAMILIES if family.kind == kind), None)
+    """Ours first: plug-ins are looked for only when the name is none of ours."""
+    ours = next((family for family in FAMILIES if family.kind == kind), None)
+    return ours or next((family for family in families() if family.kind == kind), None)
 
 
 def module_of(family: Family) -> FamilyModule:
@@ -71,7 +92,7 @@ def wheel_faults(table: Mapping[str, Any], path: str) -> list[Fault]:
     family = family_of(kind)
     if family is None:
         if isinstance(kind, str):
-            known = [entry.kind for entry in FAMILIES]
+            known = [entry.kind for entry in families()]
             hint = nearest(kind, known)
             faults.append(Fault(f"{path}.kind", show(kind), "needs one of " + ", ".join(known), hint))
         return faults

@@ -11,20 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from contract.arena import Platform
+from drivers.defaults import DEFAULTS
 from drivers.mock.controller import EmulatedController, Wheels
 from drivers.mock.motor import MotorLimits
 from drivers.mock.ports import PtyPort
 from drivers.registry import FAMILIES, family_of, read_options
-
-DEFAULTS: dict[str, dict[str, Any]] = {
-    "odrive": {"interface": "slcan", "left": 0, "right": 1, "watchdog_s": 0.2},
-    "roboclaw": {"counts_per_revolution": 2048},
-    "dynamixel": {"left": 1, "right": 2},
-    "vesc": {"interface": "slcan", "left": 1, "right": 2, "pole_pairs": 7, "watchdog_s": 1.0},
-    "vesc_uart": {"left": 1, "right": 2, "pole_pairs": 7, "watchdog_s": 1.0},
-    "cia402": {"interface": "slcan", "left": 1, "right": 2, "counts_per_revolution": 4096},
-    "ros_arduino": {"counts_per_revolution": 2048, "watchdog_s": 2.0},
-}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

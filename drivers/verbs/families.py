@@ -6,7 +6,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 import msgspec
 
 from contract.tables import describe, nearest, show
-from drivers.registry import FAMILIES, Family, family_of, module_of
+from drivers.registry import Family, families, family_of, module_of
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -14,15 +14,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    families = FAMILIES
+    chosen = families()
     if args.kind is not None:
         family = family_of(args.kind)
         if family is None:
-            known = [entry.kind for entry in FAMILIES]
+            known = [entry.kind for entry in chosen]
             print(f'no family "{args.kind}": {nearest(args.kind, known) or "there are " + ", ".join(known)}')
             return 2
-        families = (family,)
-    print("\n\n".join(text_of(family) for family in families))
+        chosen = (family,)
+    print("\n\n".join(text_of(family) for family in chosen))
     return 0
 
 

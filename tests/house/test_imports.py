@@ -18,6 +18,7 @@ from tests.house.checkout import ROOMS, ROOT
 EVERY_ROOM = set(ROOMS)
 MAY_IMPORT_ROOMS = {
     "onboard/runtime.py": {"contract", "drivers"},
+    "groundstation/emulated.py": EVERY_ROOM,
     "groundstation/hops.py": EVERY_ROOM,
     "groundstation/lockstep.py": EVERY_ROOM,
     "groundstation/mock_arena.py": EVERY_ROOM,
@@ -50,6 +51,7 @@ SHELLS = (
     "groundstation/demo.py",
     "groundstation/doctor.py",
     "groundstation/errands.py",
+    "groundstation/emulated.py",
     "groundstation/link.py",
     "groundstation/mock_arena.py",
     "groundstation/orders.py",
