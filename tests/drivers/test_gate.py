@@ -202,3 +202,16 @@ def test_motion_after_a_stale_zero_starts_from_standstill() -> None:
     gate = gate_in(GateState.ARMED, (0.9, 0.9))
     gate.tick(T0 + 10**9)
     assert gate.permit(5.0, 5.0, T0 + 10**9, T0 + 10**9 + 10_000_000) == pytest.approx((1.0, 1.0))
+
+
+def test_a_command_is_stale_at_any_age_above_the_limit() -> None:
+    gate = gate_in(GateState.ARMED)
+    assert gate.permit(0.5, 0.5, T0, 2 * T0) == (0.0, 0.0)
+    assert dict(gate.counters) == {"stale": 1}
+
+
+@pytest.mark.parametrize("last", [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.0, -0.5)])
+def test_a_motion_of_any_sign_that_ends_in_silence_is_counted(last: tuple[float, float]) -> None:
+    gate = gate_in(GateState.ARMED, last)
+    assert gate.tick(T0 + 10**9) == (0.0, 0.0)
+    assert dict(gate.counters) == {"stale": 1}

@@ -397,6 +397,97 @@ def test_without_any_message_nothing_moves() -> None:
     assert (verdict.run, verdict.may_move, verdict.enable) == ("disarmed", False, False)
 
 
+def test_motors_are_disabled_however_late_one_looks() -> None:
+    bench = Bench().to("running")
+    bench.order("stop")
+    bench.now = 2 * T0
+    assert not bench.assess(left_mps=0.5).enable
+
+
+@pytest.mark.parametrize("offset_ms", [-499, -100, 20])
+def test_a_heartbeat_of_usual_age_counts(offset_ms: int) -> None:
+    bench = Bench().to("running")
+    bench.now += 1000 * MS
+    bench.beat("run", stamp_ns=bench.now + offset_ms * MS)
+    assert bench.supervisor.ignored_heartbeats == 0
+    assert bench.assess().may_move
+
+
+def test_numbers_begin_at_zero_and_tell_what_was_obeyed() -> None:
+    supervisor = Supervisor(ARENA, "r06")
+    assert (supervisor.order_id, supervisor.stop_id, supervisor.homing) == (0, 0, False)
+    assert "none yet" in supervisor.assess(good(T0), T0).reason
+    bench = Bench()
+    bench.order("arm", robots=("r08",))
+    assert bench.supervisor.order_id == 0, "not for this robot"
+    bench.order("stop", robots=("r08",))
+    assert bench.supervisor.order_id == bench.order_id, "a stop is for all"
+
+
+def test_a_station_whose_boot_is_zero_or_large_is_heard_like_any_other() -> None:
+    bench = Bench()
+    bench.supervisor, bench.boot = Supervisor(ARENA, "r06"), 0
+    bench.beat("arm")
+    assert bench.assess().run == "disarmed", "its first order was given before this robot came up"
+    bench = Bench()
+    for order in ("disarm", "arm", "run"):
+        bench.boot = int("1" + "0" * 12)
+        bench.order(order)
+    assert bench.assess().run == "running"
+
+
+@pytest.mark.parametrize("order", ["run", "hold"])
+def test_an_order_to_a_disarmed_robot_is_refused_in_words(order: str) -> None:
+    bench = Bench()
+    bench.order(order)
+    verdict = bench.assess()
+    assert (verdict.reason, verdict.remedy) == (f"{order} refused: not armed", "arm first")
+    stopped = Bench().to("stopped")
+    stopped.order(order)
+    assert "refused" not in stopped.assess().reason
+    blocked = Bench()
+    blocked.assess(driver_fault="port gone")
+    blocked.order(order)
+    assert "not armed" in blocked.assess(driver_fault="port gone").reason
+
+
+def test_only_run_says_whether_the_way_is_home() -> None:
+    bench = Bench()
+    bench.order("arm", home=True)
+    assert not bench.supervisor.homing
+    bench.order("run", home=True)
+    assert bench.supervisor.homing
+    bench.order("hold")
+    assert bench.supervisor.homing
+    bench.order("run")
+    assert not bench.supervisor.homing
+
+
+def test_the_remedy_is_the_drivers_for_its_faults_and_the_rows_for_others() -> None:
+    bench = long_active("running")
+    assert bench.assess(driver_fault="port gone", driver_remedy="plug it in").remedy != ""
+    assert bench.assess().remedy == "plug it in"
+    bench = long_active("running")
+    bench.assess(duplicate_id=True, driver_remedy="plug it in")
+    assert bench.assess().remedy == "give every robot its own id; look for a second agent"
+
+
+@pytest.mark.parametrize(("arena_hash", "words"), [("000000000000", "000000000000 at"), ("", "(none) at")])
+def test_the_stations_file_is_named(arena_hash: str, words: str) -> None:
+    bench = Bench().to("running")
+    bench.beat("run", arena_hash=arena_hash)
+    assert words in bench.assess().reason
+
+
+def test_a_driver_that_is_not_enabled_is_not_a_silent_one() -> None:
+    bench = Bench().to("armed")
+    bench.assess(driver_active=False)
+    verdict = bench.assess(driver_active=False, feedback_stamp_ns=0)
+    assert (verdict.run, verdict.failsafe) == ("armed", "driver_inactive")
+    supervisor = Supervisor(ARENA, "r06")
+    assert "feedback" not in supervisor.assess(good(T0, driver_active=False, feedback_stamp_ns=0), T0).reason
+
+
 @given(
     st.lists(
         st.tuples(
