@@ -102,14 +102,14 @@ function drawAll() {
 function actionList() {
   const can = view.can, n = layout.robots.length, state = view.run.state;
   const rings = ["C", "Rings", true, false, () => { map.rings = !map.rings; }], lock = ["L", "Disarm", can.disarm, false, () => order("disarm")];
-  const home = ["B", "Home", can.home, false, () => order("home")], repeat = ["N", "Repeat", can.repeat, true, () => order("repeat")];
+  const home = ["B", "Home", can.home, false, () => order("home")], repeat = ["N", "Repeat", can.repeat, state === "COMPLETED", () => order("repeat")];
   if (state === "HOMING") return [rings, lock];
   if (state === "COMPLETED" && (can.repeat || can.home)) return [home, repeat];
   if (state === "RUNNING") return [rings, ["H", "Hold", can.hold, false, () => order("hold")]];
   if (state === "HOLDING") return [lock, ["Enter", "Go on", can.start, true, () => order("run")]];
   if (state === "ARMED" || state === "ARMING") return [lock, ["Enter", "Start", can.start, true, () => order("run")]];
   if (state === "COMPLETED" || state === "FAILED") return [rings, ["L", "Reset", can.disarm, true, () => order("disarm")]];
-  return [can.home ? home : can.repeat ? repeat : ["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
+  return [...(can.home ? [home] : can.repeat ? [repeat] : []), ["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
 }
 
 let actions = [], actionWords = "";

@@ -1,5 +1,6 @@
 """A recorded mission through the same agents: equal in every bit, and different as soon as one bit of it is."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,12 +13,13 @@ from contract.messages import BodyPose, FeedbackBatch, InputBatch, Message, Moca
 from groundstation import cli
 from groundstation.conditions import FIELD
 from groundstation.lockstep import World
-from groundstation.recording import CONFIG
+from groundstation.recording import CONFIG, Recording
 from groundstation.replaying import Archive, Outcome, replay, replay_all
 from groundstation.rig import write_config
 from groundstation.runwriter import RunWriter, Sink
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
+from tests.groundstation.kept import KEPT, MOST_BYTES
 
 ROBOT = "r02"
 Edit = Callable[[str, Message], Message | None]
@@ -183,3 +185,33 @@ def test_verb_reads_a_recording(tape: Tape, tmp_path: Path, capsys: pytest.Captu
     assert cli.main(["replay", "--check", str(tmp_path / "good.mcap"), "--robot", "r99"]) == 2
     assert cli.main(["replay", "--check", str(tmp_path / "none.mcap")]) == 2
     assert cli.main(["replay", str(tmp_path / "good.mcap")]) == 2
+
+
+def test_the_kept_recording_replays_in_every_bit_by_the_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert KEPT.stat().st_size < MOST_BYTES
+    code = cli.main(["replay", "--check", str(KEPT)])
+    said = capsys.readouterr().out
+    assert code == 0, f"{said}\nthe agents decide otherwise; if that is meant: python -m tests.groundstation.kept"
+    assert "equal in every bit" in said
+
+
+def test_one_mutated_pose_of_the_kept_recording_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = Recording(KEPT)
+    frames = [m for m in recording.messages() if isinstance(m.message, MocapFrame)]
+    mutated = frames[len(frames) // 2]
+    file = tmp_path / "mutated.mcap"
+    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT)
+    writer = RunWriter(Sink(descriptor), Keys(recording.arena().arena.name))
+    writer.describe(recording.metadata, recording.attachments, 0)
+    for log_ns, key, message, payload in recording.messages():
+        if (log_ns, key) == (mutated.log_ns, mutated.key):
+            assert isinstance(message, MocapFrame)
+            first = msgspec.structs.replace(message.bodies[0], x_m=round(message.bodies[0].x_m + 0.001, 5))
+            payload = encode(msgspec.structs.replace(message, bodies=(first, *message.bodies[1:])))
+        writer.write(key, payload, log_ns)
+    writer.finish({})
+    os.close(descriptor)
+    assert cli.main(["replay", "--check", str(file)]) == 1
+    said = capsys.readouterr().out
+    assert "recorded otherwise than the robot received it" in said
+    assert said.rstrip().endswith("FAILED")
