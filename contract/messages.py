@@ -162,6 +162,8 @@ class StationHeartbeat(Message, frozen=True, kw_only=True):
     """Addressees of the order; empty means all. ``stop`` always means all."""
     home: bool = False
     """With ``run``: drive to the start poses, links released, in place of the mission."""
+    excluded: tuple[RobotName, ...] = ()
+    """Robots taken out of the network: they stand still, the others keep no link to them."""
     mission: Name = ""
     arena_hash: Name = ""
 

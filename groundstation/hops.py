@@ -36,6 +36,9 @@ class Hops(Protocol):
     def pose(self, name: str) -> Pose:
         """True pose, as of the last :meth:`advance`."""
 
+    def place(self, name: str, pose: Pose) -> None:
+        """A hand puts the robot there."""
+
     def frame(self, now_ns: int, seen: Mapping[str, Pose]) -> Any:
         """What is published of a frame that shows the robots there; None: nothing."""
 
@@ -116,6 +119,9 @@ class ShortCut:
 
     def pose(self, name: str) -> Pose:
         return self._bodies[name].pose
+
+    def place(self, name: str, pose: Pose) -> None:
+        self._bodies[name].pose = pose
 
     def frame(self, now_ns: int, seen: Mapping[str, Pose]) -> MocapFrame:
         frame = MocapFrame(

@@ -110,7 +110,7 @@ class World:
         self._doing: dict[str, tuple[str, int]] = {}
         self._order_seq = 0
         self.referee = Referee(self.arena.control.sensing_radius_m, self.arena.platform.diameter_m)
-        self._keys = Keys(self.arena.arena.name)
+        self.keys = Keys(self.arena.arena.name)
         self._handlers: dict[str, Callable[[str, Any], None]] = {
             "frame": self._on_frame,
             "arrival": self._on_arrival,
@@ -125,6 +125,10 @@ class World:
         self._hung: set[str] = set()
         self.offline: set[str] = set()
         """Robots that the network does not reach; what they say is lost, too."""
+        self.hidden: set[str] = set()
+        """Robots that motion capture does not see."""
+        self.excluded: set[str] = set()
+        """Robots that the station has taken out of the network; the referee looks at the others."""
         self.station_beats = True
         rng, conditions = self._rng, self.conditions
         plants = {}
@@ -140,13 +144,19 @@ class World:
             else ShortCut(self.arena, plants, self.agents)
         )
         self.now_ns = self._begin_ns = self.hops.begin_ns
-        cloud = TargetCloud(
+        self.cloud = TargetCloud(
             mission=MISSION,
             seed=self.seed,
             start_direction_rad=round(self.scenario.start_direction_rad, 5),
             targets=tuple(Target(index=k, x_m=x, y_m=y) for k, (x, y) in enumerate(self.scenario.targets)),
         )
-        self._publish(self._keys.targets, cloud)
+        self._publish(self.keys.targets, self.cloud)
+        self.orders: list[tuple[int, Order, tuple[str, ...]]] = [
+            (self._begin_ns, "disarm", ()),
+            (self._begin_ns + ARM_NS, "arm", ()),
+            (self._begin_ns + RUN_NS, "run", ()),
+        ]
+        """When the station orders what, and whom; in the order of time."""
         for kind in ("frame", "heartbeat", "check"):
             self._at(self.now_ns, kind, "", None)
         for name in self.agents:
@@ -217,7 +227,7 @@ class World:
             targets=len(self.scenario.targets),
             min_distance_m=metres(min(self.referee.min_distance_m, 1000.0)),
         )
-        self._tell(self._keys.status, status)
+        self._tell(self.keys.status, status)
 
     def _tell_truth(self) -> None:
         for name in self.agents:
@@ -231,7 +241,7 @@ class World:
                 true_heading_rad=radians(math.remainder(heading, math.tau)),
                 true_speed_mps=0.0,
             )
-            self._tell(self._keys.motor(name), truth)
+            self._tell(self.keys.motor(name), truth)
 
     def _on_frame(self, _: str, __: Any) -> None:
         conditions, rng = self.conditions, self._rng
@@ -243,10 +253,11 @@ class World:
                 x += rng.gauss(0.0, conditions.position_noise_m)
                 y += rng.gauss(0.0, conditions.position_noise_m)
                 heading += rng.gauss(0.0, conditions.heading_noise_rad)
-            seen[name] = Pose(x, y, math.remainder(heading, math.tau))
+            if name not in self.hidden:
+                seen[name] = Pose(x, y, math.remainder(heading, math.tau))
         frame = self.hops.frame(self.now_ns, seen)
         if frame is not None:
-            self._tell(self._keys.mocap_frame, frame)
+            self._tell(self.keys.mocap_frame, frame)
             for name in self.agents:
                 age_ns = self._age_ns(name)
                 if conditions.frame_loss == 0.0 or rng.random() >= conditions.frame_loss:
@@ -264,7 +275,7 @@ class World:
         return int(min(high * 1e9, max(low * 1e9, age)))
 
     def _on_arrival(self, name: str, frame: Any) -> None:
-        if self.hops.deliver(name, self._keys.mocap_frame, frame, self.now_ns):
+        if self.hops.deliver(name, self.keys.mocap_frame, frame, self.now_ns):
             agent, now_ns = self.agents[name], self.now_ns
             self.hops.sense(name, now_ns)
             self._ran_ns[name] = now_ns
@@ -288,9 +299,14 @@ class World:
     def _on_message(self, name: str, what: tuple[str, Any]) -> None:
         self.hops.deliver(name, *what, self.now_ns)
 
+    @property
+    def radius_m(self) -> float:
+        """r_c"""
+        return self.arena.control.sensing_radius_m
+
     def stop(self, stop_id: int = 1) -> None:
         """A StopRequest to all; robots obey between two frames."""
-        self._publish(self._keys.stop, StopRequest(stamp_ns=self.now_ns, source="lockstep", stop_id=stop_id))
+        self._publish(self.keys.stop, StopRequest(stamp_ns=self.now_ns, source="lockstep", stop_id=stop_id))
         for name, agent in self.agents.items():
             if name not in self._hung and name not in self.offline:
                 self.hops.drive(name, agent.tick(self.now_ns), self.now_ns)
@@ -327,14 +343,10 @@ class World:
 
     def _on_heartbeat(self, _: str, __: Any) -> None:
         self._order_seq += 1
-        order: Order = "disarm"
-        order_id = 1
-        if self.now_ns >= self._begin_ns + RUN_NS:
-            order, order_id = "run", 3
-            if not self._running:
-                self._running, self._start_ns = True, self.now_ns
-        elif self.now_ns >= self._begin_ns + ARM_NS:
-            order, order_id = "arm", 2
+        order_id = sum(entry[0] <= self.now_ns for entry in self.orders)
+        order, robots = self.orders[order_id - 1][1:]
+        if order == "run" and not self._running:
+            self._running, self._start_ns = True, self.now_ns
         heartbeat = StationHeartbeat(
             schema_version=SCHEMA_VERSION,
             boot=1,
@@ -342,18 +354,20 @@ class World:
             stamp_ns=self.now_ns,
             order=order,
             order_id=order_id,
+            robots=robots,
+            excluded=tuple(sorted(self.excluded)),
             mission=MISSION,
             arena_hash=self._digest,
         )
         if self.station_beats:
-            self._publish(self._keys.heartbeat, heartbeat)
+            self._publish(self.keys.heartbeat, heartbeat)
         if self.tap is not None:
             self._tell_status("running" if self._running else "armed" if order == "arm" else "ready")
         self._at(self.now_ns + HEARTBEAT_NS, "heartbeat", "", None)
 
     def _on_check(self, _: str, __: Any) -> None:
         self.hops.advance(self.now_ns)
-        self.referee.look({name: self.hops.pose(name)[:2] for name in self.agents})
+        self.referee.look({name: self.hops.pose(name)[:2] for name in self.agents if name not in self.excluded})
         if self.tap is not None and (self.now_ns - self._begin_ns) % TRUTH_NS == 0:
             self._tell_truth()
         self._at(self.now_ns + SUBSTEP_NS, "check", "", None)

@@ -87,6 +87,9 @@ class Wire:
     def pose(self, name: str) -> Pose:
         return Pose(*self.emulated.pose(name))
 
+    def place(self, name: str, pose: Pose) -> None:
+        self.emulated.robots[name].body.place(*pose)
+
     def frame(self, now_ns: int, seen: Mapping[str, Pose]) -> bytes | None:
         published = None
         truth = [BodyState(self._bodies[name], *pose) for name, pose in seen.items()]

@@ -91,7 +91,6 @@ class Agent:
         self._pose_valid = False
         self._pose_reason = "never seen"
         self._start_direction = 0.0
-        self._excluded = False
         self._feedback: WheelFeedback | None = None
         self._driver_active = False
         self._driver_fault = ""
@@ -133,9 +132,7 @@ class Agent:
                 self._on_state(message, now_ns)
             case StationHeartbeat():
                 self.supervisor.heartbeat(message, now_ns)
-                if message.arena_hash == self._hash and message.schema_version == SCHEMA_VERSION:
-                    self._excluded = self.robot in message.excluded
-                    self.controller.exclude(frozenset(message.excluded))
+                self.controller.exclude(self.supervisor.excluded)
             case StopRequest():
                 self.supervisor.stop_request(message, now_ns)
             case TargetCloud():
@@ -203,7 +200,7 @@ class Agent:
         pose = self._odometry.predict(own[0], own[1], now_ns)
         left, right = self._odometry.rims
         motion = Motion(pose.x_m, pose.y_m, pose.heading_rad, left, right)
-        sighted = self.sensing.sighted(pose, now_ns)
+        sighted = self.sensing.sighted(pose, now_ns, self.controller.linked)
         view = View(
             now_s=now_ns * 1e-9,
             motion=motion,
@@ -211,7 +208,7 @@ class Agent:
             heard=self.sensing.heard(sighted, now_ns),
             targets=self.sensing.targets(own[0]),
             start_direction_rad=self._start_direction,
-            may_move=verdict.may_move and not self._excluded,
+            may_move=verdict.may_move and self.robot not in self.supervisor.excluded,
         )
         self._follow_orders(now_ns)
         if self.controller.paper is not None and not self._going_home:

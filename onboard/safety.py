@@ -72,6 +72,8 @@ class Supervisor:
         """Last stop request obeyed."""
         self.homing = False
         """The last ``run`` obeyed was to drive home."""
+        self.excluded: frozenset[str] = frozenset()
+        """Robots taken out of the network, by the newest heartbeat."""
         self.ignored_heartbeats = 0
         """Repeated, reordered, too old or from the future."""
         self._robot = robot
@@ -102,6 +104,7 @@ class Supervisor:
             self.ignored_heartbeats += 1
             return
         self._station_boot, self._seq = message.boot, message.seq
+        self.excluded = frozenset(message.excluded)
         self._station_ns = min(message.stamp_ns, now_ns)
         self._mismatch = self._difference(message)
         if newcomer:

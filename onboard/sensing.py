@@ -6,7 +6,7 @@ farther away than r_c are not heard (the virtual radio), targets within r_c are 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -118,8 +118,8 @@ class Sensing:
         self._heard[state.robot] = (state if state.mission == self.mission else without_targets(state), now_ns)
         return True
 
-    def sighted(self, own: Pose, now_ns: int) -> dict[str, Sighted]:
-        """Robots within r_c of ``own``, at their last valid pose; those unseen for 3 s are left out."""
+    def sighted(self, own: Pose, now_ns: int, linked: Container[str] = ()) -> dict[str, Sighted]:
+        """Robots within r_c of ``own``, at their last valid pose; those unseen for 3 s are left out, unless linked."""
         own_x, own_y, _ = own
         radius_m, newest_ns = self._radius_m, self._newest_ns
         result = {}
@@ -128,7 +128,7 @@ class Sensing:
             if math.hypot(own_x - x, own_y - y) <= radius_m:
                 stamp_ns = track.stamp_ns
                 age_ns = now_ns - stamp_ns
-                if age_ns <= FORGET_NS:
+                if age_ns <= FORGET_NS or name in linked:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
                     result[name] = Sighted(x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
         return result

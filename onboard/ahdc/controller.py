@@ -1,7 +1,7 @@
 """Algorithm 1: one robot's whole decision, and what it tells its neighbours."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Literal
 
 from contract.messages import LinkMessage, NeighbourState, Target
@@ -74,6 +74,16 @@ class Controller:
         if self.paper is not None:
             self.paper.neighbours, self.paper.wishes, self.paper.kept = set(), set(), set()
 
+    def exclude(self, robots: frozenset[str]) -> None:
+        """Robots that are no part of the network any more, by the operator's order."""
+        if self.field is not None and robots != self.field.excluded:
+            self.field.exclude(robots - {self.robot})
+
+    @property
+    def linked(self) -> Container[str]:
+        """Robots that a link is kept with, seen or unseen."""
+        return self.field.links if self.field is not None else ()
+
     def think(self, view: View) -> None:
         """Algorithm 1, line 1: the goal from algorithm 2; in the ``field`` profile also the links."""
         if self.field is not None:
@@ -101,7 +111,7 @@ class Controller:
 
     def hear_mail(self, sender: str, mail: tuple[LinkMessage, ...], now_s: float) -> None:
         """Link protocol messages of a neighbour's state message."""
-        if self.field is not None:
+        if self.field is not None and sender not in self.field.excluded:
             for message in mail:
                 self.field.links.hear(sender, message, now_s)
 

@@ -14,6 +14,8 @@ ADD_SHARE = 0.8
 """Links are offered up to this share of r_c'."""
 REMOVE_SHARE = 0.82
 """Removal is tried beyond this share, where a detour of shorter links exists."""
+LISTEN_S = 0.3
+"""A robot that has just come hears everybody around within this time, ten state messages long."""
 LOOK_AHEAD_S = 0.12
 """T_p: how far ahead the wanted velocity must respect the link discs."""
 YIELD_RANGE_M = 0.6
@@ -39,6 +41,9 @@ class FieldLaw:
         self.planner = Planner(parameters, stop_tables(parameters), period_s)
         self.joined = False
         """Every robot within r_c at the start has been linked: rule 8."""
+        self.excluded: frozenset[str] = frozenset()
+        """Robots the operator has taken out of the network."""
+        self._came_s: float | None = None
         self._parameters = parameters
         self._steer = steer
         (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
@@ -52,17 +57,19 @@ class FieldLaw:
         own = view.motion[:2]
         reach_m = ADD_SHARE * p.link_radius_m if self.joined else p.sensing_radius_m
         silent = []
-        waiting = False
+        if self._came_s is None:
+            self._came_s = now_s
+        waiting = now_s - self._came_s < LISTEN_S
         for name, (state, _, is_silent) in view.heard.items():
             links.note_boot(name, state.boot)
             if is_silent:
                 silent.append(name)
                 continue
             link = links.state(name)
-            if link is ON or name not in sighted:
+            if link is ON or name not in sighted or name in self.excluded:
                 continue
             distance = math.dist(own, sighted[name][:2])
-            if distance <= reach_m and (link is OFF or link is Link.DOUBT) and self.robot < name:
+            if distance <= reach_m and (link is OFF or link is Link.DOUBT) and (self.robot < name or not self.joined):
                 links.offer(name, now_s)
             waiting |= distance <= p.sensing_radius_m
         links.note_silence(silent)
@@ -75,7 +82,13 @@ class FieldLaw:
     def release(self) -> None:
         """Without links, as at the start: it moves again only once linked to every robot within r_c."""
         self.links.release()
-        self.joined = False
+        self.joined, self._came_s = False, None
+
+    def exclude(self, robots: frozenset[str]) -> None:
+        """Take robots out of the network: their links end without their consent; readmitted, they are offered anew."""
+        for name in robots - self.excluded:
+            self.links.forget(name)
+        self.excluded = robots
 
     def _try_removal(self, view: View, own: Vector) -> None:
         """Propose giving up the longest link for which a common neighbour offers two shorter ones."""

@@ -101,6 +101,9 @@ class LinkTable:
         entry = self.entries.get(other)
         return entry is not None and entry.state is not OFF
 
+    def __contains__(self, other: object) -> bool:
+        return isinstance(other, str) and self.enforces(other)
+
     def vouches(self, other: str) -> bool:
         """Rule 1: others' detours may lean on this link. Never for a neighbour that has gone silent."""
         entry = self.entries.get(other)
@@ -138,6 +141,18 @@ class LinkTable:
                 self._close(entry.tx)
             self._close_life(entry)
             entry.state, entry.tx = Link.OFF, None
+
+    def forget(self, other: str) -> None:
+        """End one link without the other end's consent: an operator has taken it out of the network."""
+        entry = self.entries.get(other)
+        if entry is None:
+            return
+        if self.removal is not None and self.removal.other == other:
+            self.removal = None
+        if entry.tx is not None:
+            self._close(entry.tx)
+        self._close_life(entry)
+        entry.state, entry.tx = Link.OFF, None
 
     def offer(self, other: str, now_s: float) -> None:
         """Start a link with a neighbour (rule 7); nothing happens where one exists in good state."""
