@@ -11,6 +11,9 @@ from onboard.agent import Agent, Drive
 from onboard.ahdc.stopping import Brake, rim_after
 from onboard.odometry import Pose, advance
 
+COAST = Brake(0.6, 0.0)
+"""How released motors roll on unless an arena file says otherwise."""
+
 
 class Plant(NamedTuple):
     """One robot's body and motors at the start of a mission."""
@@ -70,7 +73,7 @@ class Body:
     time_ns: int = 0
     release_ns: int | None = None
     """When the device watchdog lets go of the motors, unless it is fed before."""
-    coast: Brake = Brake(0.6, 0.0)
+    coast: Brake = COAST
 
     def advance(self, now_ns: int, wheel_separation_m: float) -> None:
         if self.release_ns is not None and self.time_ns < self.release_ns < now_ns:
