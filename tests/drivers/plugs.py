@@ -1,5 +1,6 @@
 """Six families on six robots in one lockstep mission over real bytes, and pulling their plugs."""
 
+import math
 import random
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ CAUSES = {"unplug": "hung up", "kill": "no telemetry for", "bus-off": "bus-off"}
 WATCHDOG_S = 0.2
 COAST_MPS2 = 0.6
 """Of :class:`contract.arena.Platform`."""
+STEP_S = 0.01
 TO_NOTICE_S = 0.6
 """Twice ``safety.driver_silence_s``, and a step."""
 
@@ -48,6 +50,8 @@ class Pull(NamedTuple):
     rolled_m: float
     reason: str
     """The robot's report says so."""
+    split: bool
+    """Robots never pulled were not all in one piece of the network, those pulled counted as they stand."""
     moved_before_arming: bool
     runs_again: bool
 
@@ -63,6 +67,8 @@ class Puller:
         assert isinstance(world.hops, Wire)
         self.emulated = world.hops.emulated
         self._reports: dict[str, bytes] = {}
+        self._pulled: set[str] = set()
+        self._split = False
         world.tap = self._hear
 
     def _hear(self, key: str, payload: bytes, now_ns: int) -> None:
@@ -70,8 +76,22 @@ class Puller:
             self._reports[key.split("/")[-2]] = payload
 
     def run(self, seconds: float) -> None:
-        self._time_s += seconds
-        self.world.until(self._time_s)
+        for _ in range(max(1, round(seconds / STEP_S))):
+            self._time_s += min(seconds, STEP_S)
+            self.world.until(self._time_s)
+            self._split = self._split or not self._others_are_connected()
+
+    def _others_are_connected(self) -> bool:
+        world = self.world
+        range_m = world.arena.control.sensing_radius_m
+        places = {name: world.hops.pose(name)[:2] for name in world.agents}
+        others = set(places) - self._pulled
+        seen, edge = set(), [next(iter(others))] if others else []
+        while edge:
+            here = edge.pop()
+            seen.add(here)
+            edge += [name for name in places if name not in seen and math.dist(places[name], places[here]) <= range_m]
+        return others <= seen
 
     def order(self, robot: str, order: Order) -> None:
         """As the station would, to one robot."""
@@ -100,6 +120,8 @@ class Puller:
         how = self.random.choice(ways)
         self.run(self.random.uniform(0.1, 0.6))
         start = device.wheels.left.angle_rad, device.wheels.right.angle_rad
+        self._pulled.add(robot)
+        self._split = False
         for kind in PULLS[how]:
             self.emulated.fault(robot, kind)
         held_s = 0.0
@@ -120,7 +142,7 @@ class Puller:
             self.order(robot, order)  # type: ignore[arg-type]
             self.run(0.35 if order == "disarm" else 0.2)
         again = self.world.agents[robot].run_state == "running"
-        return Pull(robot, how, held_s, rolled_m, report.reason, moved, again)
+        return Pull(robot, how, held_s, rolled_m, report.reason, self._split, moved, again)
 
 
 def judge(pull: Pull, max_speed_mps: float = 0.8) -> None:
@@ -129,5 +151,6 @@ def judge(pull: Pull, max_speed_mps: float = 0.8) -> None:
     assert pull.rolled_m <= max_speed_mps * WATCHDOG_S + max_speed_mps**2 / (2 * COAST_MPS2) + 0.03, pull
     assert CAUSES[pull.how] in pull.reason, pull
     assert f"of {pull.robot} on " in pull.reason, pull
+    assert not pull.split, pull
     assert not pull.moved_before_arming, pull
     assert pull.runs_again, pull

@@ -17,5 +17,4 @@ def test_six_families_drive_one_mission_and_survive_pulled_plugs() -> None:
     for pull in pulls:
         judge(pull)
     assert {pull.how for pull in pulls} == {"unplug", "kill", "bus-off"}
-    assert world.referee.disconnected == 0, "the others keep their network"
     assert world.result(False).occupied >= 1
