@@ -41,6 +41,8 @@ from onboard.safety import Supervisor, Verdict
 from onboard.sensing import Sensing
 
 REPORT_PERIOD_NS = 100_000_000
+STALL_NS = 50_000_000
+"""Repeated or overtaken frames are no fault while new ones come in between."""
 DUPLICATE_WINDOW_NS = 2_000_000_000
 MAX_BATCH = 64
 MAX_RIM_MPS = 20.0
@@ -285,7 +287,7 @@ class Agent:
         last = self._frame
         if last is not None and frame.session == last.session and frame.frame <= last.frame:
             self.refuse("frame not newer")
-            self._advancing = False
+            self._advancing = now_ns - self._frame_arrival_ns <= STALL_NS
             return False
         self._frame, self._frame_arrival_ns, self._advancing = frame, now_ns, True
         body = next((body for body in frame.bodies if body.robot == self.robot), None)

@@ -231,7 +231,7 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(
         "pose_frozen",
         "frames arrive but their number does not advance",
-        "equality",
+        "50 ms without a new one",
         "hold",
         _NEXT,
         "by itself when frame numbers advance",

@@ -9,7 +9,7 @@ what the wheels say.
     wheels turn, body still                     lifted, slipping or held
     a wheel commanded, but still                stuck
     body moves, wheels still                    wrong body, or carried away
-    body moves across its heading               heading offset a quarter off, or wrong body
+    body moves across its heading               heading offset wrong, or wrong body
     body moves backwards                        heading inverted; where it turns backwards as well, both wheels
     body turns the other way                    wheels swapped
 """
@@ -30,6 +30,8 @@ STILL_SHARE = 0.25
 CARRIED_FACTOR = 1.5
 ASKED_FACTOR = 2.0
 """A wheel is stuck only after commands for this many ``motion_way_m``: motors need time to start."""
+PIVOT_M = 0.03
+"""A body's origin may be this far from the middle of the axle: turning then moves it across."""
 
 Kind = Literal["", "lifted", "stuck", "wrong body", "sideways", "inverted heading", "inverted wheels", "swapped wheels"]
 
@@ -38,7 +40,7 @@ TEXT: dict[Kind, str] = {
     "lifted": "wheels turn, body still: lifted, slipping or held",
     "stuck": "a wheel is commanded but does not turn: stuck",
     "wrong body": "body moves, wheels still: wrong body, or carried away",
-    "sideways": "body moves across its heading: heading offset a quarter off, or wrong body",
+    "sideways": "body moves across its heading: heading offset wrong, or wrong body",
     "inverted heading": "body moves backwards: heading inverted, or wrong body",
     "inverted wheels": "body moves and turns backwards: both wheels inverted, or wrong body",
     "swapped wheels": "body turns the other way: wheels swapped, or wrong body",
@@ -184,6 +186,8 @@ def judge(first: Sample, last: Sample, safety: Safety) -> Kind:
         ahead = forward * math.copysign(1.0, way)
         if ahead < -agree * abs(way):
             return "inverted wheels" if turns_back else "inverted heading"
+        if abs(left) > agree * abs(way) + PIVOT_M * abs(turn):
+            return "sideways"
         if ahead < agree * abs(way):
-            return "sideways" if abs(left) > agree * abs(way) else "lifted"
+            return "lifted"
     return "swapped wheels" if turns_back else ""

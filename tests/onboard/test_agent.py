@@ -178,6 +178,21 @@ def test_a_frame_that_is_not_newer_is_counted_and_not_stepped_on() -> None:
     assert stage.agent.counters["frame not newer"] == 1
 
 
+def test_repeated_frames_hold_only_where_no_new_one_comes_in_between() -> None:
+    stage = Stage()
+    stage.start()
+    for _ in range(20):
+        stage.agent.receive(stage.mocap(), stage.now_ns)
+        assert stage.agent.tick(stage.now_ns) == stage.drives[-1]
+        stage.run(1)
+    for after_ms, held in ((50, False), (51, True)):
+        frame = stage.mocap()
+        stage.agent.receive(frame, stage.now_ns + after_ms * MS)
+        verdict = stage.agent.verdict if stage.agent.tick(stage.now_ns + after_ms * MS) else None
+        assert verdict is not None
+        assert (verdict.failsafe == "pose_frozen") == held
+
+
 def test_its_own_id_from_another_boot_is_a_fault() -> None:
     stage = Stage()
     stage.start()

@@ -67,6 +67,11 @@ CASES: dict[str, tuple[Callable[[Rims], tuple[float, float, float]], Rims, Kind]
     "slipping": (lambda rims: (0.2 * honest(rims)[0], 0.0, honest(rims)[2]), AHEAD, "lifted"),
     "inverted heading": (lambda rims: (-honest(rims)[0], 0.0, honest(rims)[2]), CURVE, "inverted heading"),
     "inverted wheels": (lambda rims: (-honest(rims)[0], 0.0, -honest(rims)[2]), CURVE, "inverted wheels"),
+    "heading 1 rad off": (
+        lambda rims: (math.cos(1.0) * honest(rims)[0], math.sin(1.0) * honest(rims)[0], honest(rims)[2]),
+        AHEAD,
+        "sideways",
+    ),
     "quarter off": (lambda rims: (0.0, honest(rims)[0], honest(rims)[2]), AHEAD, "sideways"),
     "swapped, on the spot": (lambda rims: (0.0, 0.0, -honest(rims)[2]), SPOT, "swapped wheels"),
     "swapped, on a curve": (lambda rims: (honest(rims)[0], 0.0, -honest(rims)[2]), CURVE, "swapped wheels"),
@@ -103,6 +108,13 @@ def test_no_drive_of_an_honest_robot_trips_it(legs: list[tuple[float, float, int
     robot = Robot(honest)
     for left, right, steps in legs:
         robot.drive(steps / 100, (left, right))
+    assert set(robot.kinds) == {""}
+
+
+def test_a_body_whose_origin_is_off_the_axle_is_no_fault() -> None:
+    robot = Robot(lambda rims: (honest(rims)[0], 0.02 * honest(rims)[2], honest(rims)[2]))
+    for rims in (CURVE, SPOT, (0.5, 0.1), (-0.1, 0.4)):
+        robot.drive(1.5, rims)
     assert set(robot.kinds) == {""}
 
 
