@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, MutableMapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import msgspec
 import uvicorn
@@ -158,6 +158,7 @@ class Page:
                 order = message.get("order")
                 if order not in get_args(Request):
                     return f"order {order!r}: {', '.join(get_args(Request))}"
+                order = cast(Request, order)
                 if self.state.latch.pressed is not None or (order == "disarm" and self._stopped()):
                     return "stopped: release first"
                 self._ask(OrderRequest(stamp_ns=now_ns, source="page", number=number, order=order), now_ns)
@@ -228,15 +229,26 @@ class Page:
             for asked, _ in self._asked:
                 self._publish(asked)
 
+    def layout(self) -> dict[str, Any]:
+        return self.state.layout()
+
+    def view(self, now_ns: int) -> dict[str, Any]:
+        return self.state.view(now_ns)
+
+    def shown(self) -> PageState:
+        """Of which moment the views are."""
+        return self.state
+
     def _show(self) -> None:
         if not self.clients:
             self.state.network(time.monotonic_ns())
             return
-        view = msgspec.json.encode(self.state.view(time.monotonic_ns()))
+        view = msgspec.json.encode(self.view(time.monotonic_ns()))
+        shown = self.shown()
         for client in self.clients:
-            if client.cloud_version != self.state.cloud_version:
-                client.cloud_version = self.state.cloud_version
-                client.answer(self.state.targets())
+            if client.cloud_version != shown.cloud_version:
+                client.cloud_version = shown.cloud_version
+                client.answer(shown.targets())
             client.offer(view)
 
     # --- who may ------------------------------------------------------------------------------------
@@ -277,7 +289,7 @@ def application(page: Page) -> Starlette:
     async def socket(websocket: WebSocket) -> None:
         await websocket.accept()
         client = Client()
-        client.answer(page.state.layout())
+        client.answer(page.layout())
         page.clients.add(client)
         sender = asyncio.create_task(_send(websocket, client))
         try:
@@ -340,6 +352,7 @@ async def _send(websocket: WebSocket, client: Client) -> None:
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arena", type=Path, metavar="FILE", help="arena file (the one of the session started last)")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port; 0 for a free one (%(default)s)")
+    parser.add_argument("--replay", type=Path, metavar="RUN", help="show this run folder or recording, with a scrubber")
     parser.add_argument(
         "--host",
         default="127.0.0.1",
@@ -349,6 +362,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until SIGTERM or Ctrl-C."""
+    if args.replay is not None:
+        return _replay(args)
     path = args.arena or recall()
     if path is None:
         print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
@@ -368,6 +383,33 @@ def run(args: argparse.Namespace) -> int:
     except LinkError as error:
         print(error, file=sys.stderr)
         return 1
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Serve a recording; STOP goes to its arena, if its router answers."""
+    from groundstation.page_replay import NoLink, ReplayPage
+    from groundstation.playback import Playback
+    from groundstation.recording import Recording, RecordingError
+    from groundstation.runfolder import recording_path
+
+    try:
+        recording = Recording(recording_path(args.replay))
+        arena = recording.arena()
+        playback = Playback(arena, ((m.log_ns, m.message) for m in recording.messages() if m.message is not None))
+    except (RecordingError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    token = "" if is_loopback(args.host) else secrets.token_urlsafe(12)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+    with contextlib.ExitStack() as stack:
+        link: Intake = NoLink(arena)
+        with contextlib.suppress(LinkError):
+            live = Intake(arena, "page", timeout_s=1.0)
+            stack.enter_context(live)
+            live.listen(arena)
+            link = live
+        return asyncio.run(_serve(ReplayPage(arena, link, token, playback), args.host, args.port, token))
 
 
 async def _serve(page: Page, host: str, port: int, token: str) -> int:

@@ -1,4 +1,4 @@
-"""STOP ALL as a latched state: what to send, who has answered, and how it is released. Pure.
+"""STOP ALL as a latched state: what to send, who has answered, and how it is released, here or elsewhere. Pure.
 
 It is a software stop: a hardware cut-off stays required. A press is idempotent; the request is repeated
 until every robot has answered, and goes on for those that have not. Release never resumes motion.
@@ -43,7 +43,7 @@ class StopLatch:
         self._release = None
         if self.pressed is None or self.pressed.stop_id != stop_id:
             self.pressed = Pressed(stop_id, source, now_ns)
-            self.acknowledged_ns = {}
+            self.acknowledged_ns, self._let_go = {}, set()
             self._numbers = {stop_id}
         self._due_ns = now_ns + REPEAT_NS
         return self._request(now_ns)
@@ -52,7 +52,7 @@ class StopLatch:
         """A STOP from another page or terminal latches this page, too."""
         if self.pressed is None:
             self.pressed = Pressed(request.stop_id, request.source, now_ns)
-            self.acknowledged_ns = {}
+            self.acknowledged_ns, self._let_go = {}, set()
             self._numbers = set()
         self._numbers.add(request.stop_id)
 
@@ -66,6 +66,11 @@ class StopLatch:
                 self.acknowledged_ns = {}
         elif self.pressed is not None and report.run == "stopped" and report.stop_id in self._numbers:
             self.acknowledged_ns.setdefault(report.robot, max(0, arrival_ns - self.pressed.since_ns))
+            self._let_go.discard(report.robot)
+        elif self.pressed is not None and report.robot in self.acknowledged_ns and report.run == "disarmed":
+            self._let_go.add(report.robot)
+            if self._let_go.issuperset(self._robots):
+                self.pressed, self.acknowledged_ns = None, {}
 
     def due(self, now_ns: int) -> list[StopRequest | OrderRequest]:
         """What has to be sent again now, at most every :data:`REPEAT_NS`."""

@@ -17,6 +17,7 @@ export const icons = {
   split: svg('<g fill="currentColor"><circle cx="12" cy="5" r="4"/><circle cx="4.500" cy="18.500" r="4"/><circle cx="19.500" cy="18.500" r="4"/></g><path d="M9 10l-3 5" stroke="currentColor" stroke-width="2"/>'),
 };
 icons.done = icons.ok;
+icons.rewind = svg('<path d="M1 1h22v22H1z" fill="currentColor"/><path d="M12 6v12L4.500 12zM20 6v12l-7.500-6z" fill="var(--surface)"/>');
 
 export const legendIcons = {
   kept: '<svg viewBox="0 0 34 26"><path d="M0 13h34" stroke="var(--kept)" stroke-width="3"/></svg>',

@@ -4,6 +4,7 @@ import { drawChart } from "./chart.js";
 import { ArenaMap } from "./map.js";
 import { drawBar, drawChecks, drawLegend, drawLog, drawRelease, drawRows, text } from "./panels.js";
 import { download, Seed } from "./seed.js";
+import { Replay } from "./replay.js";
 import { Stop } from "./stop.js";
 
 const $ = (id) => document.getElementById(id);
@@ -40,17 +41,18 @@ async function order(name) { note = await ask({ do: "order", order: name }); }
 
 const map = new ArenaMap($("map"));
 const seed = new Seed(map, $("map"), ask, () => {});
+const replay = new Replay(ask);
 const stop = new Stop($("stop"), send, () => drawAll());
 
 function receive(message) {
   if (message.kind === "layout") {
     layout = message; history = message.history; marks = message.marks;
-    map.setLayout(layout); seed.setLayout(layout); document.title = `${layout.name}, arena`;
+    map.setLayout(layout); seed.setLayout(layout); replay.setLayout(layout); document.title = `${layout.name}, arena`;
   } else if (message.kind === "targets") seed.setServer(message.points);
   else if (message.kind === "answer") { waiting.get(message.to)?.(message.text); waiting.delete(message.to); }
   else if (message.kind === "view") {
     view = message; viewAt = performance.now();
-    if (!view.elapsed) { history = []; marks = []; }
+    if (!view.elapsed || (view.replay && history.length && view.elapsed < history[history.length - 1][0])) { history = []; marks = []; }
     for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
     if (view.marked !== marks.length) marks = view.marked > 40 && marks.length ? marks.slice(0, view.marked - view.marks.length).concat(view.marks) : view.marks;
     map.setView(view, viewAt); stop.update(view.stop); drawAll();
@@ -73,7 +75,8 @@ function drawAll() {
   if (!view || !layout) { stop.draw(); return; }
   const local = stop.state(), stopped = Boolean(local);
   const body = document.body.classList;
-  body.toggle("stopped", stopped); body.toggle("aged", age() > AGED_MS);
+  body.toggle("stopped", stopped); body.toggle("aged", age() > AGED_MS && !view.replay); body.toggle("replay", Boolean(view.replay));
+  replay.draw(view.replay);
   document.body.dataset.run = stopped ? local.state : view.run.state;
   drawBar(view, local);
   drawRows(view, layout, map.selected, (id) => { map.selected = map.selected === id ? null : id; });
@@ -100,6 +103,7 @@ function drawAll() {
 
 /** [key, label, enabled, primary, action] of the state. */
 function actionList() {
+  if (view.replay) return [["Esc", "Leave replay, live", true, true, () => ask({ do: "live" })]];
   const can = view.can, n = layout.robots.length, state = view.run.state;
   const rings = ["C", "Rings", true, false, () => { map.rings = !map.rings; }], lock = ["L", "Disarm", can.disarm, false, () => order("disarm")];
   const home = ["B", "Home", can.home, false, () => order("home")], repeat = ["N", "Repeat", can.repeat, state === "COMPLETED", () => order("repeat")];
@@ -151,6 +155,7 @@ function select(step) {
 document.addEventListener("keydown", (event) => {
   if (event.target.tagName === "INPUT" || event.ctrlKey || event.metaKey || event.altKey || !view) return;
   const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
+  if (view.replay && replay.key(event)) { event.preventDefault(); return; }
   if (seed.key(event, document.activeElement === $("map"))) { event.preventDefault(); return; }
   if (HELD.includes(key)) { event.preventDefault(); if (!event.repeat) { holdFrom = performance.now(); held = key; } return; }
   const action = actions.find(([name, , enabled]) => name === key && enabled);

@@ -14,7 +14,8 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 from contract.messages import MotorBatch
 from groundstation import rig
 from groundstation.link import Link
-from groundstation.processes import Child
+from groundstation.processes import Child, Family
+from tests.groundstation.kept import KEPT
 
 CHROMIUM = "/usr/bin/chromium"
 PATIENCE_MS = 40_000
@@ -248,3 +249,33 @@ def _first_zeros(link: Link, robots: list[str], since_ns: int) -> dict[str, int]
             if message.robot in zeros and abs(message.true_speed_mps) < 0.005:
                 rest.add(message.robot)
     return zeros
+
+
+def test_a_recording_is_replayed_with_a_scrubber_and_stop_stays_stop(browser: Browser, tmp_path: Path) -> None:
+    with Family() as family:
+        child = family.start("page", "groundstation", ["page", "--replay", str(KEPT), "--port", "0"], tmp_path / "log")
+        family.wait_ready(30.0)
+        found = re.search(rb"READY page (\S+)", child._text)
+        assert found
+        page = browser.new_page(viewport={"width": 1600, "height": 1000})
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(found[1].decode())
+        wait_run(page, "REPLAY")
+        stop_box = page.locator("#stop").bounding_box()
+        page.keyboard.press("5")
+        expect(page.locator("#replay-time")).to_contain_text("00:02.")
+        shoot(page, "e-replay")
+        words = page.locator("#replay-time").text_content()
+        page.keyboard.press("ArrowRight")
+        expect(page.locator("#replay-time")).not_to_have_text(words or "")
+        page.keyboard.press("9")
+        page.keyboard.press("n")
+        expect(page.locator("#run-sub")).to_contain_text("COMPLETED")
+        page.keyboard.press("0")
+        page.click("#replay-play")
+        expect(page.locator("#replay-play")).to_contain_text("Pause")
+        assert page.locator("#stop").bounding_box() == stop_box
+        page.keyboard.press("Space")
+        wait_run(page, "STOPPED")
+        expect(page.locator("#net-word")).to_contain_text("NOT CONFIRMED")
+        page.close()
