@@ -182,6 +182,8 @@ class World:
     def _turn(self) -> bool:
         """Let the next thing happen; True where it was a frame's arrival."""
         self.now_ns, _, kind, name, what = heapq.heappop(self._queue)
+        if kind != "tick" and (name in self._hung or name in self.offline):
+            return False
         if name and (free_ns := self.hops.free_ns(name)) > self.now_ns:
             if kind != "arrival":
                 self._at(free_ns, kind, name, what)
