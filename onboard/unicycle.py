@@ -6,7 +6,9 @@ Eq. 1 asks for a single integrator; the body realises it along its heading and t
 import math
 
 TURN_GAIN_PER_S = 6.0
-"""Turn rate per radian of heading error; 9 per s broke networks."""
+"""Turn rate per radian of heading error: what every calibrated motor follows."""
+FAST_TURN_GAIN_PER_S = 9.0
+"""The most, for motors that follow at once."""
 
 
 def fold(angle_rad: float) -> float:
@@ -14,7 +16,14 @@ def fold(angle_rad: float) -> float:
     return math.pi - (math.pi - angle_rad) % (2 * math.pi)
 
 
-def steer(velocity: tuple[float, float], heading_rad: float) -> tuple[float, float]:
+def turn_gain_per_s(delay_s: float) -> float:
+    """Gain for wheels that follow within ``delay_s``: at most one radian of turn is under way per radian of error."""
+    return min(FAST_TURN_GAIN_PER_S, max(TURN_GAIN_PER_S, 1 / max(delay_s, 1e-3)))
+
+
+def steer(
+    velocity: tuple[float, float], heading_rad: float, gain_per_s: float = TURN_GAIN_PER_S
+) -> tuple[float, float]:
     """(speed_mps, turn_rate_radps) that follows a velocity vector (m/s, arena frame), reversing where nearer.
 
     The heading error is folded to +-90 degrees; a zero vector gives zero turn.
@@ -27,7 +36,7 @@ def steer(velocity: tuple[float, float], heading_rad: float) -> tuple[float, flo
     sign = 1.0
     if abs(error) > math.pi / 2:
         error, sign = fold(error - math.pi), -1.0
-    return (sign * length * math.cos(error), TURN_GAIN_PER_S * error)
+    return (sign * length * math.cos(error), gain_per_s * error)
 
 
 def rims(speed_mps: float, turn_rate_radps: float, wheel_separation_m: float, limit_mps: float) -> tuple[float, float]:

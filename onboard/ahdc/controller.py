@@ -7,7 +7,7 @@ from typing import Literal
 from contract.messages import LinkMessage, NeighbourState, Target
 from contract.units import metres, radians
 from onboard.ahdc.cotr import Task
-from onboard.ahdc.field_law import FieldLaw
+from onboard.ahdc.field_law import FieldLaw, Steer
 from onboard.ahdc.links import LEAVING, OFF, ON
 from onboard.ahdc.memory import to_hex
 from onboard.ahdc.paper_law import PaperLaw
@@ -39,7 +39,7 @@ class Controller:
         boot: int,
         parameters: Parameters,
         period_s: float,
-        steer: Callable[[Vector, float], tuple[float, float]],
+        steer: Steer,
         rims: Callable[[float, float, float, float], tuple[float, float]],
     ) -> None:
         self.robot = robot

@@ -1,7 +1,8 @@
 """The ``field`` profile: verified links, stop-point plan, and a velocity that already respects both."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Protocol
 
 from onboard.ahdc.behaviour import FADED_M, alignment, saturate, separation, velocity
 from onboard.ahdc.links import OFF, ON, Link, LinkTable
@@ -9,6 +10,7 @@ from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, Command, Partner, Planner, Room, make_disc
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_tables
 from onboard.ahdc.view import Goal, View
+from onboard.unicycle import turn_gain_per_s
 
 ADD_SHARE = 0.8
 """Links are offered up to this share of r_c'."""
@@ -29,7 +31,11 @@ SAME_PLACE_M = 1e-4
 FACED_RADPS = 0.1
 """A robot at rest that would turn slower than this faces its next target well enough."""
 
-Steer = Callable[[Vector, float], tuple[float, float]]
+
+class Steer(Protocol):
+    """The platform's way from a velocity vector to (speed_mps, turn_rate_radps)."""
+
+    def __call__(self, velocity: Vector, heading_rad: float, gain_per_s: float = ...) -> tuple[float, float]: ...
 
 
 class FieldLaw:
@@ -48,6 +54,7 @@ class FieldLaw:
         self._steer = steer
         (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
         self._approach = Brake((weak + strong) / 2, (quick + slow) / 2 + 2 * period_s)
+        self._turn_gain_per_s = turn_gain_per_s(slow + 2 * period_s)
         self._next_removal_s = 0.0
 
     def keep_links(self, view: View) -> None:
@@ -160,7 +167,7 @@ class FieldLaw:
             if facing is None or not slow:
                 return Command(0.0, 0.0, "")
             own = (motion.x_m, motion.y_m)
-            _, turn = self._steer((facing[0] - own[0], facing[1] - own[1]), motion.heading_rad)
+            _, turn = self._steer((facing[0] - own[0], facing[1] - own[1]), motion.heading_rad, self._turn_gain_per_s)
             if abs(turn) < FACED_RADPS:
                 return Command(0.0, 0.0, "")
             return self.planner.choose(self.planner.room(motion, self.partners(view)), 0.0, clip(turn))
@@ -169,7 +176,7 @@ class FieldLaw:
         u = self.velocity(goal, room, partners)
         if u == (0.0, 0.0):
             return Command(0.0, 0.0, "")
-        speed, turn = self._steer(u, motion.heading_rad)
+        speed, turn = self._steer(u, motion.heading_rad, self._turn_gain_per_s)
         return self.planner.choose(room, speed, clip(turn))
 
     def velocity(self, goal: Goal, room: Room, partners: Sequence[Partner]) -> Vector:

@@ -39,6 +39,27 @@ def test_eq_1_body_follows_the_velocity(direction: float, heading: float, speed:
     later = heading + 1e-3 * omega
     assert abs(math.sin(direction - later)) <= abs(math.sin(direction - heading)) + 1e-12
     assert unicycle.steer((0.0, 0.0), heading) == (0.0, 0.0)
+    assert unicycle.steer(wanted, heading, 9.0) == (v, pytest.approx(1.5 * omega))
+
+
+@given(st.floats(0.0, 1 / 6), st.floats(0.05, 1.5))
+def test_a_body_whose_turn_lags_by_the_delay_hardly_overshoots(delay_s: float, error: float) -> None:
+    gain = unicycle.turn_gain_per_s(delay_s)
+    assert 6.0 <= gain <= 9.0
+    rate, worst, dt = 0.0, 0.0, 1e-3
+    left = error
+    for _ in range(1500):
+        _, wanted = unicycle.steer((1.0, 0.0), -left, gain)
+        rate += (wanted - rate) * min(1.0, dt / max(delay_s, dt))
+        left -= rate * dt
+        worst = max(worst, -left)
+    assert worst <= 0.18 * error
+    assert abs(left) < 0.05 * error
+
+
+def test_fast_motors_turn_faster_and_slow_ones_as_before() -> None:
+    assert unicycle.turn_gain_per_s(0.02) == 9.0
+    assert unicycle.turn_gain_per_s(0.17) == 6.0
 
 
 @given(points, points)
