@@ -109,7 +109,7 @@ class Puller:
             mission=MISSION,
             arena_hash=world._digest,
         )
-        key = world._keys.heartbeat
+        key = world.keys.heartbeat
         world.hops.deliver(robot, key, world.hops.pack(key, heartbeat), world.now_ns)
 
     def pull(self) -> Pull:
