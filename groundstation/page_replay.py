@@ -5,7 +5,8 @@ from typing import Any
 from contract.arena import Arena
 from contract.keys import Keys
 from contract.messages import Message
-from groundstation.page_server import Intake, Page
+from groundstation.page_intake import Intake
+from groundstation.page_live import Page
 from groundstation.playback import Playback
 
 TURN_MOST_NS = 500_000_000

@@ -17,7 +17,9 @@ from contract.arena import load
 from contract.keys import Keys
 from contract.messages import Message, OrderRequest, RunStatus, StopRequest, TargetCloud
 from groundstation import rig
-from groundstation.page_server import Client, Page, application, is_loopback
+from groundstation.page_client import Client
+from groundstation.page_live import Page, is_loopback
+from groundstation.page_web import application
 
 ARENA = load(rig.find_arena("experiment2"))
 

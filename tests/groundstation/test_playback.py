@@ -8,8 +8,8 @@ import pytest
 from contract.arena import Arena
 from contract.keys import Keys
 from contract.messages import Message, RobotReport, RunStatus, StopRequest
+from groundstation.page_client import Client
 from groundstation.page_replay import NoLink, ReplayPage
-from groundstation.page_server import Client
 from groundstation.playback import Playback
 from tests.groundstation.runs import MS, START_NS, arena_of, mission, northward
 

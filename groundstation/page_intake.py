@@ -1,0 +1,51 @@
+"""What the arena page hears: the newest message of every key, and every STOP and log line."""
+
+import contextlib
+import time
+from collections import deque
+from typing import Any
+
+from contract.arena import Arena
+from contract.codec import WireError, decode
+from contract.messages import Message
+from groundstation.link import Link
+
+LINES = 5_000
+
+
+class Intake(Link):
+    """The newest message of every key, and every STOP and log line, each with its time of arrival (ns)."""
+
+    def __init__(self, arena: Arena, source: str, timeout_s: float = 10.0) -> None:
+        super().__init__(arena, source, timeout_s)
+        self._newest: dict[str, tuple[bytes, int]] = {}
+        self._lines: deque[tuple[str, bytes, int]] = deque(maxlen=LINES)
+
+    def listen(self, arena: Arena) -> None:
+        keys = self.keys
+        self.subscribe([keys.mocap_frame, keys.mocap_health, keys.status, keys.targets, keys.heartbeat, keys.stop])
+        self.subscribe([f"{keys.site}/log/**", *(keys.report(robot) for robot in arena.robots)])
+
+    def _store(self, sample: Any) -> None:
+        key, payload, now_ns = str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns()
+        if key == self.keys.stop or "/log/" in key:
+            self._lines.append((key, payload, now_ns))
+        else:
+            self._newest[key] = (payload, now_ns)
+
+    def take(self) -> list[tuple[Message, int]]:
+        """What has come since, in order of arrival; what does not decode is counted."""
+        raw = [self._lines.popleft() for _ in range(len(self._lines))]
+        with contextlib.suppress(KeyError):
+            for _ in range(len(self._newest)):
+                key, (payload, arrival_ns) = self._newest.popitem()
+                raw.append((key, payload, arrival_ns))
+        messages = []
+        for key, payload, arrival_ns in sorted(raw, key=lambda entry: entry[2]):
+            kind = self.keys.kind(key)
+            try:
+                if kind is not None:
+                    messages.append((decode(kind, payload), arrival_ns))
+            except WireError:
+                self.refused += 1
+        return messages
