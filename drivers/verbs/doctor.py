@@ -4,16 +4,16 @@ import argparse
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from contract.arena import Arena, ArenaError, load
+from contract.arena import Arena
 from contract.checks import CheckResult, worst
 from drivers.base import DriverError
 from drivers.diagnosis import Evidence, diagnose
-from drivers.registry import module_of, open_drive, port_path, read_options, wheel_faults
+from drivers.registry import module_of, open_drive, port_path, read_options
+from drivers.verbs import robots
 
 MARKS = {"pass": "ok  ", "warn": "WARN", "fail": "FAIL"}
 RATES = {"channel": (125_000, 250_000, 500_000, 1_000_000), "port": (38400, 57600, 115200, 1_000_000)}
@@ -21,20 +21,14 @@ LISTEN_S = 0.3
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("arena", type=Path, help="arena file (TOML)")
-    parser.add_argument("--robot", metavar="ID", help="this robot only (on its own computer)")
+    robots.take(parser, required=False)
 
 
 def run(args: argparse.Namespace) -> int:
-    try:
-        arena = load(args.arena, wheel_faults)
-    except ArenaError as error:
-        print(error, file=sys.stderr)
+    arena = robots.given(args)
+    if arena is None:
         return 2
     names = [args.robot] if args.robot else list(arena.robots)
-    if names[0] not in arena.robots:
-        print(f"--robot {args.robot}: the arena file has {', '.join(arena.robots)}", file=sys.stderr)
-        return 2
     results = []
     for name in names:
         for result in examine(arena, name):

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from contract import overlay
-from contract.arena import ArenaError, load
 from drivers.base import DriverError, WheelSpeeds
 from drivers.gated import GatedDrive
 from drivers.jog import Seen, conclude
-from drivers.registry import open_robot, wheel_faults
+from drivers.registry import open_robot
+from drivers.verbs import robots
 
 RADPS = 3.0
 TURN_S = 1.5
@@ -27,19 +27,13 @@ Ask = Callable[[str], str]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("arena", type=Path, help="arena file (TOML)")
-    parser.add_argument("--robot", required=True, metavar="ID")
+    robots.take(parser)
     parser.add_argument("--yes", action="store_true", help="write without asking")
 
 
 def run(args: argparse.Namespace) -> int:
-    try:
-        arena = load(args.arena, wheel_faults)
-    except ArenaError as error:
-        print(error, file=sys.stderr)
-        return 2
-    if args.robot not in arena.robots:
-        print(f"--robot {args.robot}: the arena file has {', '.join(arena.robots)}", file=sys.stderr)
+    arena = robots.given(args)
+    if arena is None:
         return 2
     drive = open_robot(arena, args.robot)
     try:

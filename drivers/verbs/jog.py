@@ -10,33 +10,29 @@ import sys
 import termios
 import time
 import tty
-from pathlib import Path
 
-from contract.arena import ArenaError, load
 from drivers.base import DriverError
 from drivers.gated import GatedDrive
 from drivers.jog import HELP, MAX_MPS, Jog
-from drivers.registry import open_robot, wheel_faults
+from drivers.registry import open_robot
+from drivers.verbs import robots
 
 PERIOD_S = 0.02
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("arena", type=Path, help="arena file (TOML)")
-    parser.add_argument("--robot", required=True, metavar="ID")
+    robots.take(parser)
     parser.add_argument(
         "--speed", type=float, default=MAX_MPS, metavar="M/S", help=f"greatest speed (at most {MAX_MPS})"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    try:
-        arena = load(args.arena, wheel_faults)
-    except ArenaError as error:
-        print(error, file=sys.stderr)
+    arena = robots.given(args)
+    if arena is None:
         return 2
-    if args.robot not in arena.robots or not 0.0 < args.speed <= MAX_MPS:
-        print(f"--robot: one of {', '.join(arena.robots)}; --speed: above 0, at most {MAX_MPS} m/s", file=sys.stderr)
+    if not 0.0 < args.speed <= MAX_MPS:
+        print(f"--speed {args.speed}: above 0, at most {MAX_MPS} m/s", file=sys.stderr)
         return 2
     drive = open_robot(arena, args.robot)
     print(HELP)

@@ -166,7 +166,9 @@ def seen_on(bench: Bench, truth: dict[str, Any], told: str) -> Seen:
     return ("lf", "lb", "rf", "rb")[2 * side + (moved[side] < 0)]  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize(("swapped", "left_inverted", "right_inverted"), itertools.product((False, True), repeat=3))
+@pytest.mark.parametrize(
+    ("swapped", "left_inverted", "right_inverted"), list(itertools.product((False, True), repeat=3))
+)
 def test_identify_finds_every_wiring(swapped: bool, left_inverted: bool, right_inverted: bool) -> None:
     """The file says ids 4, 5 and nothing inverted; the robot is wired otherwise."""
     truth = {"left_inverted": left_inverted, "right_inverted": right_inverted}
