@@ -30,6 +30,7 @@ VERBS: dict[str, Verb] = {
     "demo": Verb("groundstation.demo", "run a whole mission in the mock arena, every hop real bytes", "Try"),
     "simulate": Verb("groundstation.simulate", "run many missions in lockstep virtual time", "Try"),
     "experiment": Verb("groundstation.experiment", "run a file's trials, resumable, and aggregate them", "Try"),
+    "faults": Verb("groundstation.faults", "inject every fault of the matrix in virtual time and judge", "Try"),
     "mock-arena": Verb("groundstation.mock_arena", "emulate wheels, bodies and motion capture of an arena", "Try"),
     "doctor": Verb("groundstation.doctor", "check the whole fleet before it gets power", "Run"),
     "arm": Verb("groundstation.orders", "let the robots' wheels be driven", "Run"),

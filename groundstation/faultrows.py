@@ -1,0 +1,206 @@
+"""The fault matrix's rows: what is spoilt, where, and what must follow by when. Pure.
+
+``zero_s`` bounds the time from the fault to the last stretch of zero setpoints (or released motors) that the emulated
+controller decoded; ``rest_s`` the time to a body at rest; the distance rolled must stay below
+:func:`allowed_m`. Rows with ``zero_s`` None are faults that must *not* stop a robot.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from contract.arena import Arena
+from contract.margins import cut_m, stopping_m
+from contract.messages import NeighbourState, StationHeartbeat
+from drivers.mock.faults import Direction, FaultKind, FaultSettings
+from groundstation.lockstep import World
+from groundstation.wire import Wire
+from mocap_bridge.mock.script import Fault
+
+Action = Literal["HOLD", "STOP", "FAULT", "CUT", "goes on"]
+LASTS_S = 2.5
+"""A fault lasts to the end of what is looked at."""
+AGE_S = 0.08
+"""The oldest pose or message of the field conditions."""
+TURN_S = 0.03
+"""A tick (18 ms), a frame (10 ms) and the bus."""
+
+
+class Row(NamedTuple):
+    where: str
+    fault: str
+    action: Action
+    inject: Callable[[World, str], None]
+    zero_s: float | None = None
+    failsafes: tuple[str, ...] = ()
+    """One of these must speak; none: any, or none."""
+    family: str = ""
+    """Wheels of the victim; empty: either."""
+    resumes: bool = False
+    """The robot may go on within the time looked at: the first zero counts, not the last."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.where}: {self.fault}" + (f" ({self.family})" if self.family else "")
+
+
+def allowed_m(row: Row, arena: Arena) -> float:
+    """How far the victim may roll after the fault: the deadline at full speed, then a brake; a cut coasts instead."""
+    speed, field = arena.control.max_speed_mps, arena.control.field
+    if row.zero_s is None or row.resumes:
+        return float("inf")
+    if row.action in ("CUT", "FAULT"):
+        return speed * row.zero_s + cut_m(speed, 0.0, arena.platform.coast_deceleration_mps2)
+    return speed * row.zero_s + stopping_m(speed, field.brake_deceleration_mps2[0], field.motor_lag_s[1])
+
+
+def wire_of(world: World) -> Wire:
+    """The world's bytes.
+
+    :raises TypeError: a world without bytes has no hops to spoil.
+    """
+    if not isinstance(world.hops, Wire):
+        raise TypeError("faults are injected into missions over real bytes (wired)")
+    return world.hops
+
+
+def _line(kind: FaultKind, *directions: Direction, **settings: float) -> Callable[[World, str], None]:
+    def inject(world: World, victim: str) -> None:
+        chosen = FaultSettings(**settings)  # type: ignore[arg-type]
+        wire_of(world).emulated.fault(victim, kind, chosen._replace(directions=directions) if directions else chosen)
+
+    return inject
+
+
+def _mocap(kind: str, value: float | None = None, single: bool = False) -> Callable[[World, str], None]:
+    def inject(world: World, victim: str) -> None:
+        server = wire_of(world).server
+        start_s = server.elapsed_s(world.now_ns)
+        other = next(name for name in world.agents if name != victim)
+        bodies = (world.arena.robots[victim].body, world.arena.robots[other].body if kind == "swap" else "")
+        server.inject(Fault(kind, start_s, LASTS_S, *(bodies if single else ("", "")), value))
+
+    return inject
+
+
+def _message(damage: Callable[[bytes], bytes]) -> Callable[[World, str], None]:
+    def inject(world: World, victim: str) -> None:
+        wire_of(world).damage_message = damage
+
+    return inject
+
+
+def _datagram(damage: Callable[[bytes], bytes]) -> Callable[[World, str], None]:
+    def inject(world: World, victim: str) -> None:
+        wire_of(world).damage_datagram = damage
+
+    return inject
+
+
+def _flip(data: bytes) -> bytes:
+    return data[:2] + bytes([data[2] ^ 0x80]) + data[3:]
+
+
+def _hang(world: World, victim: str) -> None:
+    world.hang(victim)
+
+
+def _offline(world: World, victim: str) -> None:
+    world.offline.add(victim)
+
+
+def _station_gone(world: World, victim: str) -> None:
+    world.station_beats = False
+
+
+def _stop(world: World, victim: str) -> None:
+    world.stop()
+
+
+def _twin(world: World, victim: str) -> None:
+    x, y, heading = world.hops.pose(victim)
+    state = NeighbourState(
+        robot=victim, boot=99, seq=1, stamp_ns=world.now_ns, x_m=round(x, 5), y_m=round(y, 5),
+        heading_rad=round(heading, 5), vx_mps=0.0, vy_mps=0.0, stop_long=(x, y), stop_short=(x, y),
+    )  # fmt: skip
+    world.whisper(victim, world.keys.state(victim), state)
+
+
+def _heartbeat(**changes: object) -> Callable[[World, str], None]:
+    def inject(world: World, victim: str) -> None:
+        fields: dict[str, object] = {"boot": 1, "seq": 1 << 40, "stamp_ns": world.now_ns, "order": "run"}
+        beat = StationHeartbeat(**{**fields, "order_id": 3, **changes})  # type: ignore[arg-type]
+        world.station_beats = False
+        world.whisper(victim, world.keys.heartbeat, beat)
+
+    return inject
+
+
+def _rows() -> tuple[Row, ...]:
+    cut_s = 0.2 + 0.12
+    silence_s = 0.15 + AGE_S + TURN_S
+    driver_s = 0.25 + TURN_S
+    bus: tuple[tuple[str, FaultKind, Action, float, tuple[Direction, ...], tuple[str, ...]], ...] = (
+        ("supply of the motors cut", "off", "FAULT", 2.3, (), ()),
+        ("wheels jammed", "stuck", "FAULT", 1.3, (), ()),
+        ("encoders count backwards", "wrong", "FAULT", 1.3, (), ()),
+        ("no bytes either way", "dropped", "CUT", driver_s + 0.1, (), ()),
+        ("commands lost", "dropped", "CUT", cut_s + 0.2, ("commands",), ()),
+        ("telemetry lost", "dropped", "HOLD", driver_s + 0.1, ("telemetry",), ()),
+        ("one bit in 8 bytes", "corrupted", "CUT", 0.6, (), ()),
+        ("telemetry corrupted", "corrupted", "HOLD", 0.6, ("telemetry",), ()),
+        ("port unplugged", "unplugged", "CUT", cut_s + 0.2, (), ("driver_fault", "driver_lost", "driver_silent")),
+        ("supply sags", "brown-out", "FAULT", 0.6, (), ()),
+    )
+    rows = [
+        Row("wheels", what, action, _line(kind, *directions), zero_s, speaks, family)
+        for what, kind, action, zero_s, directions, speaks in bus
+        for family in ("odrive", "roboclaw")
+    ]
+    rows.append(Row("wheels", "bus-off", "CUT", _line("bus-off"), cut_s + 0.1, (), "odrive"))
+    for kind, value, single, zero_s, speaks in (
+        ("occlusion", None, True, AGE_S + TURN_S, ("pose_invalid",)),
+        ("absent", None, True, 0.2 + AGE_S, ("pose_invalid",)),
+        ("swap", None, True, 0.2 + AGE_S, ("pose_invalid",)),
+        ("jump", 0.5, True, 0.2 + AGE_S, ("pose_invalid",)),
+        ("frozen", None, True, 0.4, ("pose_invalid", "pose_stale")),
+        ("not_finite", None, True, AGE_S + TURN_S, ("pose_invalid",)),
+        ("denormal", 0.5, True, AGE_S + TURN_S, ("pose_invalid",)),
+        ("tilt", 1.0, True, AGE_S + TURN_S, ("pose_invalid",)),
+        ("marker_error", 0.05, True, AGE_S + TURN_S, ("pose_invalid",)),
+        ("wrong_models", None, True, 0.3 + AGE_S, ("pose_invalid",)),
+        ("silence", None, False, silence_s, ("pose_silent", "pose_stale")),
+        ("drop", None, False, silence_s, ("pose_silent", "pose_stale")),
+        ("truncated", 0.5, False, silence_s, ("pose_silent", "pose_stale")),
+        ("burst", None, False, silence_s, ("pose_silent", "pose_stale")),
+        ("restart", None, False, silence_s, ("pose_silent", "pose_stale")),
+        ("late", 0.3, False, silence_s, ("pose_stale", "pose_silent", "pose_invalid")),
+        ("millimetres", None, False, silence_s, ()),
+        ("edit_mode", None, False, AGE_S + TURN_S, ("pose_invalid",)),
+    ):
+        resumes = kind in ("jump", "restart")
+        rows.append(Row("motion capture", kind, "HOLD", _mocap(kind, value, single), zero_s, speaks, resumes=resumes))
+    for kind, value in (
+        ("duplicate", None),
+        ("reorder", None),
+        ("deaf", None),
+        ("clock_drift", 50.0),
+        ("edit_mode", None),
+    ):
+        rows.append(Row("motion capture", kind, "goes on", _mocap(kind, value)))
+    rows += [
+        Row("datagrams", "one bit", "HOLD", _datagram(_flip), silence_s, ("pose_silent", "pose_stale")),
+        Row("messages", "one bit", "HOLD", _message(_flip), silence_s, ("pose_silent", "pose_stale")),
+        Row(
+            "radio", "robot off the network", "HOLD", _offline, silence_s, ("pose_silent", "pose_stale", "station_lost")
+        ),
+        Row("station", "killed", "STOP", _station_gone, 0.5 + TURN_S + 0.07, ("station_silent", "station_lost")),
+        Row("station", "STOP", "STOP", _stop, 0.05),
+        Row("station", "another arena file", "FAULT", _heartbeat(schema_version=1, arena_hash="0" * 12), 0.1),
+        Row("station", "another schema", "FAULT", _heartbeat(schema_version=99), 0.1, ("station_mismatch",)),
+        Row("process", "hung", "CUT", _hang, cut_s),
+        Row("process", "a second one with the same id", "FAULT", _twin, AGE_S + TURN_S, ("duplicate_id",)),
+    ]
+    return tuple(rows)
+
+
+ROWS: tuple[Row, ...] = _rows()
