@@ -140,17 +140,35 @@ def limit(
         return Limited(0.0, 0.0, "not finite")
     if v_mps == 0.0:
         return Limited(0.0, omega_radps, "")
-    arc = _Arc(v_mps, omega_radps, heading, left, right, bounds)
-    near = _walls(x, y, bounds.fence, arc.most_m)
-    near += _robots(x, y, neighbours, bounds, arc.most_m)
+    turning = bounds.separation_m / 2 * omega_radps
+    if v_mps > 0:
+        rims = (
+            left if left > 0.0 else 0.0,
+            right if right > 0.0 else 0.0,
+            v_mps - turning if v_mps > turning else 0.0,
+            v_mps + turning if v_mps > -turning else 0.0,
+        )
+    else:
+        rims = (
+            -left if left < 0.0 else 0.0,
+            -right if right < 0.0 else 0.0,
+            turning - v_mps if turning > v_mps else 0.0,
+            -turning - v_mps if -turning > v_mps else 0.0,
+        )
+    most_m = _rolled_m(rims, 1.0, bounds)
+    near = _robots(x, y, neighbours, bounds, most_m)
+    low_x, low_y, high_x, high_y = bounds.fence
+    if x - low_x < most_m or y - low_y < most_m or high_x - x < most_m or high_y - y < most_m:
+        near = _walls(x, y, bounds.fence, most_m) + near
     if not near:
         return Limited(v_mps, omega_radps, "")
+    arc = _Arc(rims, most_m, heading if v_mps > 0 else heading + math.pi, (right - left, omega_radps), bounds)
     allowed, by, least_m = 1.0, "", math.inf
     for away_x, away_y, gap, theirs, name in near:
         towards = arc.towards(math.atan2(away_y, away_x))
         if towards <= 0.0:
             continue
-        share = gap if name == "fence" else (gap + towards * arc.committed_m() - theirs) / 2
+        share = gap if name == "fence" else (gap + towards * arc.committed_m - theirs) / 2
         room_m = max(share, 0.0) / towards
         if room_m < least_m:
             least_m = room_m
@@ -165,47 +183,44 @@ def limit(
     return Limited(math.copysign(1.0, v_mps) * speed, omega, by)
 
 
+Rims = tuple[float, float, float, float]
+"""Along the way, none negative: measured left and right, asked left and right, m/s."""
+
+
+def _rolled_m(rims: Rims, fraction: float, bounds: Bounds) -> float:
+    """How far that fraction of what is asked, then braking, can get."""
+    left, right, asked_left, asked_right = rims
+    return (roll_m(left, fraction * asked_left, bounds) + roll_m(right, fraction * asked_right, bounds)) / 2
+
+
 class _Arc:
     """How far, and into which directions, one command and the brake after it can take this robot."""
 
     def __init__(
-        self, v_mps: float, omega_radps: float, heading_rad: float, left_mps: float, right_mps: float, bounds: Bounds
+        self, rims: Rims, most_m: float, heading_rad: float, turning: tuple[float, float], bounds: Bounds
     ) -> None:
-        half = bounds.separation_m / 2
-        turning = half * omega_radps
-        if v_mps > 0:
-            rims = left_mps, right_mps, v_mps - turning, v_mps + turning
-        else:
-            rims = -left_mps, -right_mps, turning - v_mps, -turning - v_mps
-            heading_rad += math.pi
-        left, right, command_left, command_right = rims
-        self._bounds = bounds
-        self._left = left if left > 0.0 else 0.0
-        self._right = right if right > 0.0 else 0.0
-        self._command_left = command_left if command_left > 0.0 else 0.0
-        self._command_right = command_right if command_right > 0.0 else 0.0
+        """``turning``: difference of the measured rim speeds, m/s, and the turn rate asked for, rad/s."""
+        self._rims = rims
+        self._most_m = most_m
         self._heading = heading_rad
-        self._turning = (right_mps - left_mps) / (2 * half), omega_radps
-        self.most_m = self._rolled(1.0)
-        """How far the command as asked, then braking, can get."""
-        self._turns: tuple[float, float] | None = None
-
-    def committed_m(self) -> float:
+        self._bounds = bounds
+        measured, asked = turning[0] / bounds.separation_m, turning[1]
+        self._turns = self._turn(max(0.0, measured, asked)), self._turn(max(0.0, -measured, -asked))
+        deceleration, lag = bounds.deceleration_mps2[0], bounds.lag_s[1]
+        self.committed_m = (stop_m(rims[0], deceleration, lag) + stop_m(rims[1], deceleration, lag)) / 2
         """Stopping distance of what the wheels do already."""
-        deceleration, lag = self._bounds.deceleration_mps2[0], self._bounds.lag_s[1]
-        return (stop_m(self._left, deceleration, lag) + stop_m(self._right, deceleration, lag)) / 2
 
     def _turn(self, rate_radps: float) -> float:
         """Angle turned at most: rate kept for the reaction time, then braked (rim: rate * b / 2)."""
-        half = self._bounds.separation_m / 2
-        weak = self._bounds.deceleration_mps2[0], self._bounds.lag_s[1]
-        return rate_radps * self._bounds.reaction_s + stop_m(rate_radps * half, *weak) / half
+        if rate_radps == 0.0:
+            return 0.0
+        bounds = self._bounds
+        half = bounds.separation_m / 2
+        braked_m = stop_m(rate_radps * half, bounds.deceleration_mps2[0], bounds.lag_s[1])
+        return rate_radps * bounds.reaction_s + braked_m / half
 
     def towards(self, bearing_rad: float) -> float:
         """Largest cosine between ``bearing_rad`` and any direction of travel on the way, 0 to 1."""
-        if self._turns is None:
-            measured, asked = self._turning
-            self._turns = self._turn(max(0.0, measured, asked)), self._turn(max(0.0, -measured, -asked))
         left, right = self._turns
         off = math.remainder(bearing_rad - self._heading, math.tau)
         if -right <= off <= left:
@@ -214,23 +229,18 @@ class _Arc:
 
     def fraction(self, room_m: float) -> float:
         """Largest f in [0, 1] such that f times the command, then braking, rolls at most ``room_m``."""
-        if self.most_m <= room_m:
+        if self._most_m <= room_m:
             return 1.0
-        if self._rolled(0.0) >= room_m:
+        if _rolled_m(self._rims, 0.0, self._bounds) >= room_m:
             return 0.0
         low, high = 0.0, 1.0
         for _ in range(12):
             middle = (low + high) / 2
-            if self._rolled(middle) <= room_m:
+            if _rolled_m(self._rims, middle, self._bounds) <= room_m:
                 low = middle
             else:
                 high = middle
         return low
-
-    def _rolled(self, fraction: float) -> float:
-        bounds = self._bounds
-        left_m = roll_m(self._left, fraction * self._command_left, bounds)
-        return (left_m + roll_m(self._right, fraction * self._command_right, bounds)) / 2
 
 
 Obstacle = tuple[float, float, float, float, str]
@@ -275,7 +285,7 @@ def _robots(
             age_s = MAX_AGE_S
         unseen = closing * age_s + strong * age_s * age_s / 2
         gap = distance - min_distance_m - unseen
-        theirs = stop_m(closing, weak, slow)
+        theirs = stop_m(closing, weak, slow) if closing else 0.0
         if (gap - theirs) / 2 < most_m:
             near.append((away_x, away_y, gap, theirs, "separation"))
     return near

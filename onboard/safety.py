@@ -130,8 +130,12 @@ class Supervisor:
             self._active_since_ns = now_ns
         sight = self._sight(conditions, now_ns)
         tripped = [row for row in FAILSAFES if row.tripped(sight)]
-        latching = next((row for row in tripped if row.action in _EVENT_OF), None)
-        holding = next((row for row in tripped if row.action == "hold"), None)
+        latching = holding = None
+        for row in tripped:
+            if latching is None and row.action in _EVENT_OF:
+                latching = row
+            elif holding is None and row.action == "hold":
+                holding = row
         self._blocked = text(latching, sight) if latching else ""
         if latching is not None and self.state in POWERED:
             remedy = conditions.driver_remedy if latching.name == "driver_fault" else latching.remedy
@@ -145,7 +149,8 @@ class Supervisor:
         powered = self.state in POWERED
         run: RunState = "holding" if self.state == "running" and holding is not None else self.state
         idle_reason = None if self._reason else latching
-        speaks = (holding or next(iter(tripped), None)) if powered else idle_reason
+        first = tripped[0] if tripped else None
+        speaks = (holding or first) if powered else idle_reason
         return Verdict(
             run=run,
             may_move=self.state == "running" and holding is None,
@@ -203,4 +208,4 @@ class Supervisor:
 
 
 def _at_rest(conditions: Conditions) -> bool:
-    return max(abs(conditions.left_mps), abs(conditions.right_mps)) < REST_MPS
+    return -REST_MPS < conditions.left_mps < REST_MPS and -REST_MPS < conditions.right_mps < REST_MPS

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from contract.messages import MocapFrame, NeighbourState, TargetCloud
-from onboard.ahdc.view import Heard, Sighted
+from onboard.ahdc.view import Heard, Sighted, record
 from onboard.odometry import Pose
 
 VELOCITY_BASE_NS = 40_000_000
@@ -130,7 +130,8 @@ class Sensing:
                 age_ns = now_ns - stamp_ns
                 if age_ns <= FORGET_NS or name in linked:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
-                    result[name] = Sighted(x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
+                    seen = (x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
+                    result[name] = record(Sighted, seen)
         return result
 
     def heard(self, sighted: Iterable[str], now_ns: int) -> dict[str, Heard]:
@@ -142,7 +143,7 @@ class Sensing:
                 state, arrival_ns = known[name]
                 age_ns = now_ns - state.stamp_ns
                 age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
-                result[name] = Heard(state, age_s, now_ns - arrival_ns > silence_ns)
+                result[name] = record(Heard, (state, age_s, now_ns - arrival_ns > silence_ns))
         return result
 
     def targets(self, own: Pose) -> dict[int, tuple[float, float]]:

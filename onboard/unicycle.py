@@ -43,6 +43,8 @@ def rims(speed_mps: float, turn_rate_radps: float, wheel_separation_m: float, li
     """(left, right) rim speeds, m/s; beyond the limit both shrink alike, which keeps the curvature."""
     half = turn_rate_radps * wheel_separation_m / 2
     left, right = speed_mps - half, speed_mps + half
+    if -limit_mps <= left <= limit_mps and -limit_mps <= right <= limit_mps:
+        return (left, right)
     excess = max(abs(left), abs(right)) / limit_mps
     return (left, right) if excess <= 1 else (left / excess, right / excess)
 

@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from onboard.ahdc.behaviour import FADED_M, alignment, saturate, separation, velocity
+from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
 from onboard.ahdc.links import OFF, ON, Link, LinkTable
 from onboard.ahdc.parameters import Parameters, Vector
-from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, Command, Partner, Planner, Room, make_disc
-from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_tables
-from onboard.ahdc.view import Goal, View
+from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, YIELD_RANGE_M, Command, Partner, Planner, Room, make_disc
+from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_distance_m, stop_tables
+from onboard.ahdc.view import Goal, View, record
 from onboard.unicycle import turn_gain_per_s
 
 ADD_SHARE = 0.8
@@ -20,7 +20,6 @@ LISTEN_S = 0.3
 """A robot that has just come hears everybody around within this time, ten state messages long."""
 LOOK_AHEAD_S = 0.12
 """T_p: how far ahead the wanted velocity must respect the link discs."""
-YIELD_RANGE_M = 0.6
 CLOSING_TIME_S = 0.25
 MAX_AGE_S = 0.5
 """A stop point is not carried on for longer than this."""
@@ -55,11 +54,14 @@ class FieldLaw:
         (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
         self._approach = Brake((weak + strong) / 2, (quick + slow) / 2 + 2 * period_s)
         self._turn_gain_per_s = turn_gain_per_s(slow + 2 * period_s)
+        self._approach_m = 1.01 * stop_distance_m(parameters.max_speed_mps, self._approach)
+        """Nearer to its goal than this a robot may have to be slower than u_max."""
         self._next_removal_s = 0.0
 
     def keep_links(self, view: View) -> None:
         """Run the link protocol: silence, boots, offers, at most one removal, repetitions."""
         links, now_s, sighted = self.links, view.now_s, view.sighted
+        entries = links.entries
         p = self._parameters
         own = view.motion[:2]
         reach_m = ADD_SHARE * p.link_radius_m if self.joined else p.sensing_radius_m
@@ -72,7 +74,7 @@ class FieldLaw:
             if is_silent:
                 silent.append(name)
                 continue
-            link = links.state(name)
+            link = entries[name].state if name in entries else OFF
             if link is ON or name not in sighted or name in self.excluded:
                 continue
             distance = math.dist(own, sighted[name][:2])
@@ -102,12 +104,13 @@ class FieldLaw:
         links, sighted, robot = self.links, view.sighted, self.robot
         removable_m = REMOVE_SHARE * self._parameters.link_radius_m
         long = []
-        for name in links.entries:
-            if robot < name and name in sighted and links.vouches(name):
-                distance = math.dist(own, sighted[name][:2])
-                if distance > removable_m:
+        for name, seen in sighted.items():
+            if robot < name:
+                distance = math.dist(own, seen[:2])
+                if distance > removable_m and links.vouches(name):
                     long.append((distance, name))
-        for distance, other in sorted(long, key=lambda link: -link[0]):
+        long.sort(reverse=True)
+        for distance, other in long:
             middle = self._middle(view, own, other, distance)
             if middle is not None and links.propose_removal([robot, middle, other], view.now_s):
                 self._next_removal_s = view.now_s + REMOVAL_PAUSE_S
@@ -129,11 +132,12 @@ class FieldLaw:
     def partners(self, view: View) -> list[Partner]:
         """Every robot the plan must respect, with its stop points as announced or, unheard, as seen."""
         partners = []
-        links, messages = self.links, view.heard
+        entries, messages = self.links.entries, view.heard
         for name, (seen_x, seen_y, vx, vy, seen_age_s, _) in view.sighted.items():
             ahead_s = seen_age_s if seen_age_s < MAX_AGE_S else MAX_AGE_S
             x, y = seen_x + vx * ahead_s, seen_y + vy * ahead_s
-            enforced = links.enforces(name)
+            entry = entries.get(name)
+            enforced = entry is not None and entry.state is not OFF
             if name not in messages:
                 stops = self._unheard_stops((x, y), (vx, vy))
                 partners.append(Partner(name, enforced, x, y, stops, stops, seen_age_s, False))
@@ -148,7 +152,7 @@ class FieldLaw:
                 long_stops = (long, (long[0] + dx, long[1] + dy))
                 short_stops = (short, (short[0] + dx, short[1] + dy))
             resting = not state.moving and not silent
-            partners.append(Partner(name, enforced, x, y, long_stops, short_stops, age_s, resting))
+            partners.append(record(Partner, (name, enforced, x, y, long_stops, short_stops, age_s, resting)))
         return partners
 
     def _unheard_stops(self, place: Vector, v: Vector) -> tuple[Vector, ...]:
@@ -171,34 +175,33 @@ class FieldLaw:
             if abs(turn) < FACED_RADPS:
                 return Command(0.0, 0.0, "")
             return self.planner.choose(self.planner.room(motion, self.partners(view)), 0.0, clip(turn))
-        partners = self.partners(view)
-        room = self.planner.room(motion, partners)
-        u = self.velocity(goal, room, partners)
+        room = self.planner.room(motion, self.partners(view))
+        u = self.velocity(goal, room)
         if u == (0.0, 0.0):
             return Command(0.0, 0.0, "")
         speed, turn = self._steer(u, motion.heading_rad, self._turn_gain_per_s)
         return self.planner.choose(room, speed, clip(turn))
 
-    def velocity(self, goal: Goal, room: Room, partners: Sequence[Partner]) -> Vector:
+    def velocity(self, goal: Goal, room: Room) -> Vector:
         """Eq. 12 without cohesion, kept out of head-on courses and inside the link discs."""
         p = self._parameters
         own = room.motion[:2]
         left_m = math.dist(own, goal.point) - goal.stop_short_m
         if left_m <= 0.0:
             return (0.0, 0.0)
-        share = speed_for_stop_mps(left_m, self._approach) / p.max_speed_mps
-        wanted = alignment(own, goal.point)
-        aligned = (wanted[0] * share, wanted[1] * share) if share < 1.0 else wanted
-        range_m = p.avoidance_radius_m + FADED_M
-        near = [
-            (partner.x_m, partner.y_m)
-            for partner, distance in zip(partners, room.distances, strict=True)
-            if distance <= range_m
-        ]
-        apart = separation(own, near, wanted, p.avoidance_radius_m) if near else (0.0, 0.0)
+        aligned = wanted = alignment(own, goal.point)
+        if left_m < self._approach_m:
+            share = speed_for_stop_mps(left_m, self._approach) / p.max_speed_mps
+            if share < 1.0:
+                aligned = (wanted[0] * share, wanted[1] * share)
+        apart = (0.0, 0.0)
+        if room.near:
+            others = [(partner.x_m, partner.y_m) for _, partner in room.near]
+            apart = separation(own, others, wanted, p.avoidance_radius_m)
         parts = ((0.0, 0.0), apart, aligned)
         u = velocity(parts, (0.0, p.separation_weight, p.alignment_weight), p.max_speed_mps)
-        u = keep_closing_slow(u, room, partners)
+        if room.near:
+            u = keep_closing_slow(u, own, room.near)
         return into_discs(u, room)
 
 
@@ -208,8 +211,10 @@ def into_discs(u: Vector, room: Room) -> Vector:
     speed = math.hypot(ux, uy)
     way_m = 2 * (speed * LOOK_AHEAD_S)
     start = room.brakes[0]
-    discs = [disc for disc in room.long if disc.gap_m + way_m > 2 * disc.radius_m]
-    discs += [make_disc(start, point, diameter) for gap, diameter, point in room.far if gap + way_m > diameter]
+    discs = [disc for disc in room.long if disc.gap_m + way_m > 2 * disc.radius_m] if room.long else []
+    for gap, diameter, point in room.far:
+        if gap + way_m > diameter:
+            discs.append(make_disc(start, point, diameter))
     x, y = start[0] + ux * LOOK_AHEAD_S, start[1] + uy * LOOK_AHEAD_S
     for _ in range(4 if discs else 0):
         moved = False
@@ -227,11 +232,11 @@ def into_discs(u: Vector, room: Room) -> Vector:
     return saturate((new_x, new_y), speed)
 
 
-def keep_closing_slow(u: Vector, room: Room, partners: Sequence[Partner]) -> Vector:
+def keep_closing_slow(u: Vector, own: Vector, near: Sequence[tuple[float, Partner]]) -> Vector:
     """Half-planes u.n <= k (d - contact) / T towards near robots; part of what is cut becomes a side-step."""
     ux, uy = u
-    own_x, own_y = room.motion[:2]
-    for partner, distance in zip(partners, room.distances, strict=True):
+    own_x, own_y = own
+    for distance, partner in near:
         if not 1e-9 < distance < YIELD_RANGE_M:
             continue
         nx, ny = (partner.x_m - own_x) / distance, (partner.y_m - own_y) / distance

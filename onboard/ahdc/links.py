@@ -39,8 +39,6 @@ class Link(Enum):
 
 
 ON, OFF, LEAVING = Link.ON, Link.OFF, Link.LEAVING
-SETTLED = (ON, OFF)
-"""Nothing is to be repeated."""
 
 Repeated = Literal["add", "accept", "confirm", "commit", "inquire"]
 
@@ -180,7 +178,7 @@ class LinkTable:
         if self.removal is not None and now_s - self.removal.started_s > LOCK_TIMEOUT_S:
             self._abort()
         for other, entry in self.entries.items():
-            if entry.state in SETTLED:
+            if entry.state is ON or entry.state is OFF:
                 continue
             if entry.state is Link.OFFERED and now_s - entry.sent_s >= OFFER_REPEAT_S:
                 self._send(entry, now_s, other, "add")

@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from onboard.ahdc.behaviour import FADED_M
 from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.stopping import Brake, Stops
 
@@ -28,6 +29,8 @@ TURNING_STOP_MPS = 0.005
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of the wanted speed tried first; the interval of the first that passes is halved further."""
 REFINEMENTS = 2
+YIELD_RANGE_M = 0.6
+"""A velocity gives way to robots nearer than this."""
 MOVE_SHARE = 10.0
 """In one period a stop point moves by less than this many u_max T: farther discs cannot bind."""
 
@@ -73,11 +76,8 @@ class Disc(NamedTuple):
     inside: bool
 
 
-class Keepout(NamedTuple):
-    """A circle that the way to the stop point must not enter."""
-
-    centre: Vector
-    radius_m: float
+Keepout = tuple[Vector, float, float]
+"""A circle that the way to the stop point must not enter: centre, radius m, length m of a way too short to enter."""
 
 
 class Room(NamedTuple):
@@ -94,8 +94,8 @@ class Room(NamedTuple):
     far: list[tuple[float, float, Vector]]
     """(gap, diameter, stop point) of long discs that cannot: only a velocity, which looks farther ahead, minds them."""
     keepouts: list[Keepout]
-    distances: list[float]
-    """To every partner's predicted position, in their order, m."""
+    near: list[tuple[float, Partner]]
+    """Robots near enough to matter to a velocity, with their distances, m."""
 
 
 class Command(NamedTuple):
@@ -126,11 +126,18 @@ def inside_disc(end: Vector, disc: Disc) -> bool:
     return math.dist(end, partner) <= gap_m - CREEP_SHARE * math.dist(end, start)
 
 
-def keepout_radius_m(gap_m: float, resting: bool) -> float:
-    """Half of what is left of the gap to contact; all of it to a robot at rest; already inside: never nearer."""
-    if gap_m <= CONTACT_M:
-        return gap_m
-    return CONTACT_M if resting else CONTACT_M + (gap_m - CONTACT_M) / 2
+def keepout(point: Vector, gap_m: float, distance_m: float, resting: bool) -> Keepout:
+    """Half of what is left of the gap to contact; all of it to a robot at rest; already inside: never nearer.
+
+    ``gap_m``, the least of it and the distance, is from the stop point of braking at once, ``distance_m`` from where
+    the robot is.
+    """
+    if distance_m < gap_m:
+        gap_m = distance_m
+    radius_m = gap_m
+    if gap_m > CONTACT_M:
+        radius_m = CONTACT_M if resting else CONTACT_M + (gap_m - CONTACT_M) / 2
+    return (point, radius_m, distance_m - radius_m)
 
 
 def way_clearance_m(start: Vector, end: Vector, point: Vector) -> float:
@@ -156,6 +163,7 @@ class Planner:
         self._stops = stops
         self.period_s = period_s
         self._half_track_m = parameters.wheel_separation_m / 2
+        self._near_m = max(YIELD_RANGE_M, parameters.avoidance_radius_m + FADED_M)
         self._reach_m = MOVE_SHARE * parameters.max_speed_mps * period_s
 
     @property
@@ -188,19 +196,23 @@ class Planner:
         """
         axis = (math.cos(motion[2]), math.sin(motion[2]))
         brakes = self._brakes(motion, axis)
-        own, (brake, brake_short), reach_m = motion[:2], brakes, self._reach_m
-        horizon_m = 2 * (math.dist(own, brake) + reach_m) + CONTACT_M
+        own, (brake, brake_short), reach_m, near_m = motion[:2], brakes, self._reach_m, self._near_m
+        parameters = self._parameters
+        way_m = math.dist(own, brake)
+        horizon_m = 2 * (way_m + reach_m) + CONTACT_M
+        beyond_m = horizon_m + way_m + 1e-9
         room = Room(motion, axis, brakes, [], [], [], [], [])
-        _, _, _, long, short, far, keepouts, distances = room
-        for _, enforced, x, y, long_stops, short_stops, age_s, resting in partners:
+        _, _, _, long, short, far, keepouts, near = room
+        for partner in partners:
+            _, enforced, x, y, long_stops, short_stops, age_s, resting = partner
             place = (x, y)
             distance = math.dist(own, place)
-            distances.append(distance)
+            if distance <= near_m:
+                near.append((distance, partner))
             if distance < horizon_m:
-                gap = min(math.dist(brake, place), distance)
-                keepouts.append(Keepout(place, keepout_radius_m(gap, resting)))
+                keepouts.append(keepout(place, math.dist(brake, place), distance, resting))
             if enforced:
-                diameter = enforced_radius_m(self._parameters, age_s)
+                diameter = enforced_radius_m(parameters, age_s)
                 slack_m = diameter - 2 * reach_m
             for point in long_stops:
                 gap = math.dist(brake, point)
@@ -209,9 +221,10 @@ class Planner:
                         long.append(make_disc(brake, point, diameter))
                     else:
                         far.append((gap, diameter, point))
-                distance = math.dist(own, point)
-                if distance < horizon_m:
-                    keepouts.append(Keepout(point, keepout_radius_m(min(gap, distance), resting)))
+                if gap < beyond_m:
+                    distance = math.dist(own, point)
+                    if distance < horizon_m:
+                        keepouts.append(keepout(point, gap, distance, resting))
             if enforced:
                 for point in short_stops:
                     if math.dist(brake_short, point) > slack_m:
@@ -249,7 +262,10 @@ class Planner:
     def _rims(self, speed_mps: float, turn_rate_radps: float) -> tuple[float, float]:
         half = turn_rate_radps * self._half_track_m
         left, right = speed_mps - half, speed_mps + half
-        excess = max(abs(left), abs(right)) / self._parameters.max_speed_mps
+        limit = self._parameters.max_speed_mps
+        if -limit <= left <= limit and -limit <= right <= limit:
+            return (left, right)
+        excess = max(abs(left), abs(right)) / limit
         return (left, right) if excess <= 1 else (left / excess, right / excess)
 
     def _refusal(self, room: Room, speed_mps: float, turn_rate_radps: float) -> str:
@@ -260,19 +276,22 @@ class Planner:
         x, y, _, left, right = motion
         left_to, right_to = self._rims(speed_mps, turn_rate_radps)
         (long, short), period_s = self._stops, self.period_s
-        end = _in_arena(x, y, axis, long.place_after(left, right, left_to, right_to, period_s))
-        for disc in long_discs:
-            if not inside_disc(end, disc):
-                return "link"
+        if long_discs or keepouts:
+            end = _in_arena(x, y, axis, long.place_after(left, right, left_to, right_to, period_s))
+            for disc in long_discs:
+                if not inside_disc(end, disc):
+                    return "link"
         if short_discs:
             end_short = _in_arena(x, y, axis, short.place_after(left, right, left_to, right_to, period_s))
             for disc in short_discs:
                 if not inside_disc(end_short, disc):
                     return "link"
-        start = (x, y)
-        for centre, radius_m in keepouts:
-            if way_clearance_m(start, end, centre) < radius_m - 1e-9:
-                return "separation"
+        if keepouts:
+            start = (x, y)
+            way_m = math.dist(start, end)
+            for centre, radius_m, free_m in keepouts:
+                if way_m > free_m and way_clearance_m(start, end, centre) < radius_m - 1e-9:
+                    return "separation"
         return ""
 
 

@@ -118,7 +118,8 @@ class Tasking:
             self.cloud_seen = True
         if self._field:
             self._visible = memory.open()
-            self.assist.listen(requests, self._left_m(view), view.now_s)
+            if requests or self.assist.heard is not None:
+                self.assist.listen(requests, self._left_m(view), view.now_s)
         else:
             self._visible = {k: p for k, p in view.targets.items() if memory.is_open(k)}
         self.indicator = is_indicator(self.task, self.target, self._visible)
