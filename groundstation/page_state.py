@@ -8,8 +8,6 @@ import math
 from collections import deque
 from typing import Any
 
-import numpy as np
-
 from contract.arena import Arena
 from contract.messages import (
     BodyPose,
@@ -25,9 +23,12 @@ from contract.messages import (
 )
 from groundstation.connectivity import tree_floor
 from groundstation.page_bar import bar
+from groundstation.page_health import health
 from groundstation.page_links import Network, network
 from groundstation.page_reasons import POWERED, SILENT_S, Complaint, Heard, complaint
+from groundstation.page_rows import Sight, row
 from groundstation.page_stop import StopLatch
+from groundstation.page_targets import TargetBoard
 from groundstation.scenes import clock, label
 from groundstation.session import MISPLACED_M
 
@@ -45,8 +46,7 @@ class PageState:
     def __init__(self, arena: Arena, now_ns: int) -> None:
         self.arena = arena
         self.latch = StopLatch(tuple(arena.robots))
-        self.cloud: TargetCloud | None = None
-        self.cloud_version = 0
+        self.board = TargetBoard(arena.control.sensing_radius_m)
         self.status: RunStatus | None = None
         self.status_ns = 0
         self.heartbeat: StationHeartbeat | None = None
@@ -68,8 +68,6 @@ class PageState:
         self._tracks: dict[str, deque[tuple[int, float, float]]] = {name: deque(maxlen=64) for name in self._names}
         self._frame: MocapFrame | None = None
         self._frame_ns = 0
-        self._seen: Any = np.zeros(0, dtype=bool)
-        self._done: set[int] = set()
         self._holds: dict[str, int] = {}
         self._cautions: dict[str, tuple[str, int]] = {}
         self._numbers = 0
@@ -85,7 +83,7 @@ class PageState:
             case RunStatus():
                 self._take_status(message, arrival_ns)
             case TargetCloud():
-                self._take_cloud(message)
+                self.board.take(message)
             case StationHeartbeat():
                 self.heartbeat = message
             case StopRequest():
@@ -155,25 +153,19 @@ class PageState:
     def _take_status(self, status: RunStatus, arrival_ns: int) -> None:
         old = self.status
         self.status, self.status_ns = status, arrival_ns
-        if status.elapsed_s == 0.0 and (self.history or self._done):
+        if status.elapsed_s == 0.0 and (self.history or self.board.done):
             self.history.clear()
             self.marks.clear()
-            self._done.clear()
+            self.board.done.clear()
         for target in status.occupied:
-            if target not in self._done:
-                self._done.add(target)
+            if target not in self.board.done:
+                self.board.done.add(target)
                 self.marks.append((status.elapsed_s, "done"))
                 self.note(f"T{target + 1:02d} done", "info", arrival_ns)
         if old is None or old.phase != status.phase:
             detail = f": {status.detail}" if status.detail and status.phase != "waiting" else ""
             bad = status.phase in ("failed", "stopped")
             self.note(f"Mission {status.phase}{detail}", "error" if bad else "info", arrival_ns)
-
-    def _take_cloud(self, cloud: TargetCloud) -> None:
-        if self.cloud != cloud:
-            self.cloud = cloud
-            self.cloud_version += 1
-            self._seen = np.zeros(len(cloud.targets), dtype=bool)
 
     def _take_log(self, entry: LogEntry, arrival_ns: int) -> None:
         if entry.source == "recorder":
@@ -211,10 +203,17 @@ class PageState:
             "insecure": arena.link.insecure,
         }
 
+    @property
+    def cloud(self) -> TargetCloud | None:
+        return self.board.cloud
+
+    @property
+    def cloud_version(self) -> int:
+        return self.board.version
+
     def targets(self) -> dict[str, Any]:
         """The targets, sent when they change."""
-        points = [] if self.cloud is None else [(t.x_m, t.y_m) for t in self.cloud.targets]
-        return {"kind": "targets", "version": self.cloud_version, "points": points}
+        return self.board.message()
 
     def view(self, now_ns: int) -> dict[str, Any]:
         """The arena at this moment."""
@@ -225,19 +224,23 @@ class PageState:
             when = status.elapsed_s
             if not self.history or when - self.history[-1][0] >= HISTORY_S:
                 self.history.append((round(when, 2), round(graph.lambda2, 4)))
-        rows = [self._row(name, complaints.get(name), now_ns) for name in self._names]
+        away = self.misplaced()
+        rows = [row(name, self._sight(name, complaints.get(name), away.get(name), now_ns)) for name in self._names]
+        running = [self._poses[n][:2] for n, (r, _) in self._reports.items() if r.run == "running" and n in self._poses]
+        recorder_age_s = (now_ns - self.recorder_ns) / 1e9
+        station = self.station_alive(now_ns)
         view: dict[str, Any] = {
             "kind": "view",
             "t": now_ns // 1_000_000,
             "age_s": round(self.frame_age_s(now_ns), 3),
-            "station": self.station_alive(now_ns),
+            "station": station,
             "robots": rows,
             "links": graph.pairs,
             "l2": round(graph.lambda2, 4),
             "elapsed": self._elapsed(),
             "version": self.cloud_version,
-            "targets": self._target_states(now_ns),
-            "health": self._health(now_ns),
+            "targets": self.board.letters((r for r, _ in self._reports.values()), running),
+            "health": health(self.mocap, self.frame_age_s(now_ns), station, self.recorder, recorder_age_s),
             "events": list(self.events)[-SHOWN_EVENTS:],
             "marks": self.marks[-40:],
             "marked": len(self.marks),
@@ -332,106 +335,19 @@ class PageState:
         gap_s = (last[0] - first[0]) / 1e9
         return math.dist(first[1:], last[1:]) / gap_s if gap_s > 0 else None
 
-    def _row(self, name: str, trouble: Complaint | None, now_ns: int) -> dict[str, Any]:
+    def _sight(self, name: str, trouble: Complaint | None, away_m: float | None, now_ns: int) -> Sight:
         entry = self._reports.get(name)
-        report = entry[0] if entry else None
-        pose = self._poses.get(name)
-        body = self._bodies.get(name)
-        row: dict[str, Any] = {"id": name}
-        if pose is not None and self._frame is not None:
-            stale_s = (self._frame.exposure_ns - pose[3]) / 1e9 if body is not None and not body.valid else 0.0
-            row |= {"x": round(pose[0], 4), "y": round(pose[1], 4), "h": round(pose[2], 3)}
-            row |= {"valid": body is not None and body.valid, "stale_s": round(stale_s, 2)}
-        if (speed := self.speed_mps(name)) is not None:
-            row["mps"] = round(speed, 3)
-        if report is not None:
-            timing = report.timing
-            row |= {"run": report.run, "task": task_words(report), "claim": report.claim, "stopped": report.stopped}
-            row["pose_ms"] = round(report.pose_age_ms) if report.pose_age_ms < 1e6 else None
-            row["hz"] = round(timing.rate_hz) if timing else None
-            row["jitter_ms"] = round(timing.jitter_ms, 1) if timing else None
-            row["battery_v"] = round(report.battery_v, 1) if report.battery_v is not None else None
-            row["report_s"] = round(self.report_age_s(name, now_ns), 2)
-            if report.run == "disarmed" or report.task == "homing":
-                away_m = self.misplaced().get(name)
-                row |= {} if away_m is None else {"away_m": round(away_m, 2)}
-        if name in self._holds:
-            row["hold"] = round(min(1.0, (now_ns - self._holds[name]) / 1e9 / self._hold_s), 3)
-        if name in self.latch.acknowledged_ns:
-            row["ack_ms"] = round(self.latch.acknowledged_ns[name] / 1e6)
-        if trouble is not None:
-            row["trouble"] = trouble._asdict()
-        return row
-
-    @property
-    def _hold_s(self) -> float:
-        return max(1e-3, self.arena.control.occupying_time_s)
-
-    def _target_states(self, now_ns: int) -> str:
-        """A letter a target: open, seen, tracked, held (occupied just now), done."""
-        if self.cloud is None:
-            return ""
-        letters = ["o"] * len(self.cloud.targets)
-        self._look_around()
-        for seen in np.flatnonzero(self._seen):
-            letters[int(seen)] = "s"
-        for k in self._done:
-            if k < len(letters):
-                letters[k] = "d"
-        for report, _ in self._reports.values():
-            if 0 <= report.claim < len(letters) and report.run in ("running", "holding", "stopped"):
-                if report.task == "tracking" and report.claim not in self._done:
-                    letters[report.claim] = "t"
-                elif report.task == "occupied":
-                    letters[report.claim] = "h" if report.run == "running" else "d"
-        return "".join(letters)
-
-    def _look_around(self) -> None:
-        """Note the targets within the sensing radius of a running robot."""
-        running = [self._poses[n][:2] for n, (r, _) in self._reports.items() if r.run == "running" and n in self._poses]
-        if not running or self.cloud is None or not self.cloud.targets:
-            return
-        targets = np.array([(t.x_m, t.y_m) for t in self.cloud.targets])
-        robots = np.array(running)
-        gaps = np.hypot(targets[:, None, 0] - robots[None, :, 0], targets[:, None, 1] - robots[None, :, 1])
-        self._seen |= gaps.min(axis=1) <= self.arena.control.sensing_radius_m
-
-    def _health(self, now_ns: int) -> list[tuple[str, str]]:
-        """(words, level) of motion capture, station and recorder."""
-        mocap, recorder = self.mocap, self.recorder
-        age_s = self.frame_age_s(now_ns)
-        if mocap is None or age_s < 0 or age_s > SILENT_S:
-            parts = [("Mocap no frames", "warning")]
-        else:
-            words = f"Mocap {mocap.rate_hz:.0f} Hz" + ("" if mocap.state == "ok" else f", {mocap.state}")
-            parts = [(words, "info" if mocap.state == "ok" else "warning")]
-        parts.append(("Station ok", "info") if self.station_alive(now_ns) else ("Station silent", "warning"))
-        if recorder is None or now_ns - self.recorder_ns > 15e9:
-            parts.append(("Recording off", "info" if recorder is None else "warning"))
-        else:
-            size = recorder.fields.get("bytes")
-            words = f"Recording {float(size) / 1e6:.0f} MB" if isinstance(size, int | float) else "Recording"
-            parts.append((words if recorder.level == "info" else recorder.text[:60], recorder.level))
-            free, rate = recorder.fields.get("disk_free_bytes"), recorder.fields.get("bytes_per_s")
-            if isinstance(free, int | float) and isinstance(rate, int | float) and rate > 0:
-                hours = free / rate / 3600
-                parts.append((f"Disk {hours:.1f} h left" if hours < 1000 else "Disk ample", recorder.level))
-        return parts
-
-
-def task_words(report: RobotReport) -> str:
-    """What it does, for its row: Tracking T06."""
-    if report.run != "running":
-        idle = {"disarmed": "Ready", "armed": "Armed", "holding": "Holding", "stopped": "Stopped", "fault": "Fault"}
-        return idle[report.run]
-    target = f" T{report.claim + 1:02d}" if report.claim >= 0 else ""
-    words = {
-        "tracking": "Tracking",
-        "occupied": "Occupying",
-        "helping": "Helping",
-        "free": "Searching",
-        "home": "At home",
-    }
-    return words.get(report.task, report.task.capitalize()) + (
-        target if report.task in ("tracking", "occupied") else ""
-    )
+        held_ns = self._holds.get(name)
+        hold_s = max(1e-3, self.arena.control.occupying_time_s)
+        return Sight(
+            report=entry[0] if entry else None,
+            report_age_s=self.report_age_s(name, now_ns),
+            body=self._bodies.get(name),
+            pose=self._poses.get(name),
+            exposure_ns=self._frame.exposure_ns if self._frame else None,
+            speed_mps=self.speed_mps(name),
+            hold_share=None if held_ns is None else (now_ns - held_ns) / 1e9 / hold_s,
+            acknowledged_ns=self.latch.acknowledged_ns.get(name),
+            away_m=away_m,
+            trouble=trouble,
+        )
