@@ -74,8 +74,9 @@ class Drive(SerialDrive[Options]):
             _Servo("left", options.left, options.gear_ratio, options.left_inverted),
             _Servo("right", options.right, options.gear_ratio, options.right_inverted),
         )
+        self._goals = codec.GoalWriter(GOAL_VELOCITY, options.left, options.right)
         self._by_id = {servo.device: servo for servo in self._servos}
-        self._ids = bytes(self._by_id)
+        self._request = codec.sync_read(tuple(self._by_id), PRESENT_VELOCITY, 8)
         self._polls = 0
 
     def configure(self) -> None:
@@ -112,15 +113,13 @@ class Drive(SerialDrive[Options]):
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         if not self.active:
             speeds = STANDSTILL
-        goals = [
-            (servo.device, struct.pack("<i", round(servo.goal.to_device(radps))))
-            for servo, radps in zip(self._servos, speeds, strict=True)
-        ]
-        self.line.send(codec.sync_write(GOAL_VELOCITY, 4, goals))
+        left, right = self._servos
+        goals = round(left.goal.to_device(speeds.left_radps)), round(right.goal.to_device(speeds.right_radps))
+        self.line.send(self._goals.packet(*goals))
 
     def poll(self, now_ns: int) -> None:
         self._polls += 1
-        request = codec.sync_read(self._ids, PRESENT_VELOCITY, 8)
+        request = self._request
         if self._polls % self.VOLTAGE_EVERY == 1:
             request += codec.read(self._servos[0].device, INPUT_VOLTAGE, 2)
         alarmed = next((servo for servo in self._servos if servo.alert and not servo.hardware_error), None)

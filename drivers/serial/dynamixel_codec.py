@@ -34,8 +34,8 @@ def _crc_table() -> tuple[int, ...]:
 _TABLE = _crc_table()
 
 
-def crc16(data: bytes) -> int:
-    value = 0
+def crc16(data: bytes, value: int = 0) -> int:
+    """:param value: of the bytes before ``data``."""
     for byte in data:
         value = (value << 8 & 0xFF00) ^ _TABLE[value >> 8 ^ byte]
     return value
@@ -64,6 +64,26 @@ def sync_write(address: int, length: int, values: Sequence[tuple[int, bytes]]) -
     """The same registers of several devices; not answered."""
     parameters = b"".join(bytes((device,)) + data for device, data in values)
     return packet(BROADCAST, SYNC_WRITE, struct.pack("<HH", address, length) + parameters)
+
+
+class GoalWriter:
+    """:func:`sync_write` of one i32 register of two devices; what never changes is checksummed once."""
+
+    def __init__(self, address: int, left: int, right: int) -> None:
+        self._address = address
+        self._devices = (left, right)
+        self._head = HEADER + struct.pack("<BHBHH", BROADCAST, 17, SYNC_WRITE, address, 4)
+        self._crc = crc16(self._head)
+        self._pack = struct.Struct("<BiBi").pack
+
+    def packet(self, left: int, right: int) -> bytes:
+        """Both values."""
+        first, second = self._devices
+        tail = self._pack(first, left, second, right)
+        if b"\xff\xff" in tail:
+            values = [(first, tail[1:5]), (second, tail[6:])]
+            return sync_write(self._address, 4, values)
+        return self._head + tail + crc16(tail, self._crc).to_bytes(2, "little")
 
 
 class Status(NamedTuple):

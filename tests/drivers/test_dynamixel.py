@@ -37,6 +37,12 @@ def test_golden_status() -> None:
     assert not reader.counters
 
 
+@given(st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), st.integers(0, 252), st.integers(0, 252))
+def test_goals_are_a_sync_write_whatever_they_are(left: int, right: int, first: int, second: int) -> None:
+    values = [(first, struct.pack("<i", left)), (second, struct.pack("<i", right))]
+    assert codec.GoalWriter(104, first, second).packet(left, right) == codec.sync_write(104, 4, values)
+
+
 @given(st.binary(max_size=60))
 def test_two_independent_checksums_agree(data: bytes) -> None:
     assert codec.crc16(data) == checksum(data)

@@ -22,7 +22,9 @@ from drivers.serial.dynamixel import Options
 
 
 @pytest.fixture
-def link(tmp_path: Path) -> Iterator[str]:
+def link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The SDK gives a reply some 30 ms; a busy machine needs more."""
+    monkeypatch.setattr("dynamixel_sdk.port_handler.LATENCY_TIMER", 2000)
     path = tmp_path / "servos"
     command = [sys.executable, "-m", "drivers", "emulate", "dynamixel", "--port-link", str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
