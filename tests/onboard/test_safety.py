@@ -451,6 +451,16 @@ def test_an_order_to_a_disarmed_robot_is_refused_in_words(order: str) -> None:
     assert "not armed" in blocked.assess(driver_fault="port gone").reason
 
 
+def test_an_order_that_changes_nothing_is_obeyed_and_not_refused() -> None:
+    armed = Bench().to("armed")
+    armed.order("hold")
+    assert (armed.assess().run, armed.supervisor.order_id) == ("armed", armed.order_id)
+    stopped = Bench().to("stopped")
+    stopped.assess(driver_fault="port gone")
+    stopped.order("arm")
+    assert "refused" not in stopped.assess(driver_fault="port gone").reason
+
+
 def test_only_run_says_whether_the_way_is_home() -> None:
     bench = Bench()
     bench.order("arm", home=True)
