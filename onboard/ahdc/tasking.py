@@ -141,10 +141,12 @@ class Tasking:
         self.helping = self._field and self.task is not Task.OCCUPIED and self.assist.heard is not None
         if self.helping and self.task is Task.TRACKING:
             self._become(Event.LOST, now_s)
-        if self.task is Task.FREE and not self.helping and now_s >= self._rethink_s:
-            chosen = self._choose(view, own)
+        if self.task is Task.FREE and now_s >= self._rethink_s:
+            heard = self.assist.heard if self.helping else None
+            chosen = self._choose(view, own, math.inf if heard is None else heard.left_m)
             if chosen is not None:
                 self.target = chosen
+                self.helping = False
                 self._become(Event.OBSERVED, now_s)
             elif self._field:
                 self._rethink_s = now_s + RETHINK_S
@@ -186,7 +188,8 @@ class Tasking:
             self.target = self.next_target = None
             self.assist.stop_tracking()
 
-    def _choose(self, view: View, own: Vector) -> int | None:
+    def _choose(self, view: View, own: Vector, within_m: float = math.inf) -> int | None:
+        """The target to go for; a helper may take one nearer than ``within_m``, the way left to the one that asks."""
         if not self._field:
             return nearest_target(own, self._visible)
         now_s, claims = view.now_s, self.book.claims(view.heard, view.sighted, view.now_s)
@@ -196,6 +199,7 @@ class Tasking:
             k: p
             for k, p in self._visible.items()
             if self._blocked_until.get(k, -1.0) <= now_s
+            and math.dist(own, p) < within_m
             and not (k in claimed and yields(self.robot, math.dist(own, p) + wait_m, claims, k))
         }
         if len(options) < 2:

@@ -2,13 +2,18 @@
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.messages import Help
 from onboard.ahdc.assist import LIMIT_S, PATIENCE_S, Assist
-from onboard.ahdc.cotr import Claim, reachable_target, spanning_excess_m, yields
+from onboard.ahdc.cotr import Claim, Task, reachable_target, spanning_excess_m, yields
 from onboard.ahdc.memory import TargetMemory, from_hex, to_hex
+from onboard.ahdc.plan import Motion
+from onboard.ahdc.tasking import Tasking
+from onboard.ahdc.view import Heard, Sighted, View
+from tests.onboard.samples import field_parameters, state
 
 coordinate = st.floats(-3, 3)
 points = st.tuples(coordinate, coordinate)
@@ -100,6 +105,27 @@ def test_a_tracker_nearer_to_its_target_than_the_one_that_asks_keeps_it_and_asks
     idle.listen(far)
     assert farther.via == idle.via == "r03"
     assert farther.request is None
+
+
+@pytest.mark.parametrize(("own_m", "task"), [(0.05, Task.TRACKING), (0.16, Task.TRACKING), (0.18, Task.FREE)])
+def test_a_helper_nearer_to_a_target_than_the_one_that_asks_takes_it_instead_of_blocking_it(
+    own_m: float, task: Task
+) -> None:
+    tasking = Tasking("r02", field_parameters(6))
+    request = Help(robot="r06", hops=0, left_m=0.17)
+    told = state("r06", 0.4, claim=0, claim_at=(0.23, 0.0), task="tracking", help=request)
+    view = View(
+        now_s=1.0,
+        motion=Motion(0.23 - own_m, 0.0, 0.0, 0.0, 0.0),
+        sighted={"r06": Sighted(0.4, 0.0, 0.0, 0.0, 0.0, True)},
+        heard={"r06": Heard(told, 0.0, False)},
+        targets={0: (0.23, 0.0)},
+        start_direction_rad=0.0,
+        may_move=True,
+    )
+    tasking.update(view)
+    assert tasking.task is task
+    assert tasking.helping == (task is Task.FREE)
 
 
 def test_a_request_dies_out_when_its_robot_falls_silent() -> None:
