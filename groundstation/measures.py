@@ -162,6 +162,17 @@ def pose_ages_ms(history: History, mission: Mission) -> list[float]:
     ]
 
 
+def stop_latencies_ms(history: History) -> list[float]:
+    """From each stop's first request to every robot's first report that obeys it."""
+    return [
+        (told_ns - stop.stamp_ns) / 1e6
+        for stop in history.stops
+        for track in history.tracks.values()
+        for told_ns in [next((r.stamp_ns for r in track.reports if r.stop_id == stop.stop_id), None)]
+        if told_ns is not None
+    ]
+
+
 def path_m(points: Floats, stride_m: float = 0.01) -> float:
     """Length of a path, taken in strides so that measurement noise does not add up."""
     total, last = 0.0, None

@@ -23,6 +23,7 @@ Definitions:
   first frame.
 - ``pose_to_wheel_ms``: from ``transmit_ns`` of the frame a RobotStep acted on to the first MotorSample
   stamped at or after its ``step_ns``; where a robot's motors are not emulated, to its ``write_ns``.
+- ``stop_ms``: from the stamp of a stop's first request to each robot's first report that obeys it.
 - ``loop``: ``nominal_hz`` is the measured frame rate over k = max(1, round(control period x frame
   rate)); ``p99_jitter_ms`` the 99th percentile of abs(interval - nominal); ``deadline_misses`` sums
   over intervals longer than 1.5 nominal the steps left out, at least one each.
@@ -93,6 +94,8 @@ class Metrics(msgspec.Struct, frozen=True, kw_only=True):
     frames_dropped: int
     frames_dropped_bridge: int
     stops: int
+    stop_ms: Spread = Spread(p50=None, p99=None, max=None)
+    """STOP to each robot's report that obeys it."""
     undecodable: int = 0
 
 
@@ -149,6 +152,7 @@ def compute(history: History, undecodable: int = 0) -> Metrics | None:
         frames_dropped=measures.dropped(history, inside),
         frames_dropped_bridge=measures.growth(history, mission),
         stops=len(history.stops),
+        stop_ms=measures.spread(measures.stop_latencies_ms(history)),
         undecodable=undecodable,
     )
 

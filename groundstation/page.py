@@ -106,6 +106,7 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
         "<h2>Where the time went</h2>",
         _table(*_time(metrics)),
         _words(metrics),
+        _handling(run),
         _faults(run),
         f'<p class="note">Frames not received: {metrics.frames_dropped} of {metrics.frames + metrics.frames_dropped}. '
         f"Messages that were not what their key carries: {metrics.undecodable}. "
@@ -147,6 +148,7 @@ def _timing(metrics: Metrics) -> list[tuple[object, ...]]:
     return [
         row("Exposure to control step", metrics.pose_age_ms),
         row(f"Pose datagram sent to {ends[metrics.pose_to_wheel_until]}", metrics.pose_to_wheel_ms),
+        row("STOP to the report that obeys it", metrics.stop_ms),
     ]
 
 
@@ -183,6 +185,29 @@ def _words(metrics: Metrics) -> str:
     """What the words of the table above mean."""
     words = [f"{kind}: {ACTIVITIES[kind]}" for kind in _kinds(metrics) if kind in ACTIVITIES]
     return f'<p class="note">{escape("; ".join(words))}.</p>' if words else ""
+
+
+def _handling(run: Run) -> str:
+    """Every time a robot left the mission's run state for a reason: when, why, what was to be done, for how long."""
+    mission = run.history.mission()
+    if mission is None:
+        return ""
+    rows: list[tuple[object, ...]] = []
+    for name, track in run.history.tracks.items():
+        reports = [report for report in track.reports if report.stamp_ns >= mission.start_ns]
+        for k, report in enumerate(reports):
+            before = reports[k - 1] if k else None
+            same = before is not None and (before.run, before.reason) == (report.run, report.reason)
+            if not report.reason or same or report.run in ("running", "disarmed"):
+                continue
+            after = next((r for r in reports[k + 1 :] if (r.run, r.reason) != (report.run, report.reason)), None)
+            lasted = "to the end" if after is None else f"{(after.stamp_ns - report.stamp_ns) / 1e9:.2f} s"
+            when = f"{(report.stamp_ns - mission.start_ns) / 1e9:+.2f} s"
+            rows.append((when, label(name), report.run, report.reason, report.remedy or "-", lasted))
+    if not rows:
+        return ""
+    head = ("since start", "robot", "became", "why", "remedy", "for")
+    return "<h2>Faults and their handling</h2>" + _table(head, sorted(rows, key=lambda row: float(str(row[0])[:-2])))
 
 
 def _faults(run: Run) -> str:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from contract.arena import Arena
 from contract.keys import Keys
-from contract.messages import NeighbourState, TargetCloud
+from contract.messages import NeighbourState, RobotReport, StopRequest, TargetCloud
 from groundstation import cli
 from groundstation.history import History
 from groundstation.metrics import Metrics, compute, encode, failures
@@ -226,3 +226,18 @@ def test_what_robots_say_of_another_mission_is_not_this_ones() -> None:
         assert found.completed
         assert expected in (None, found)
         expected = found
+
+
+def test_stop_latency_is_from_the_request_to_each_robots_report() -> None:
+    arena = arena_of(robots=2)
+    keys = Keys(arena.arena.name)
+    sent = mission(arena, ending="stopped")
+    at_ns = START_NS + 500 * MS
+    sent.append((keys.stop, StopRequest(stamp_ns=at_ns, source="test", stop_id=9), at_ns))
+    for k, name in enumerate(arena.robots):
+        for late_ms in (30 + 20 * k, 200):
+            stamp_ns = at_ns + late_ms * MS
+            report = RobotReport(robot=name, boot=1, stamp_ns=stamp_ns, run="stopped", stop_id=9, reason="stop")
+            sent.append((keys.report(name), report, stamp_ns))
+    found = judge(arena, sorted(sent, key=itemgetter(2)))
+    assert (found.stops, found.stop_ms.p50, found.stop_ms.max) == (1, 40.0, 50.0)

@@ -7,12 +7,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from contract.keys import Keys
+from contract.messages import RobotReport
 from groundstation import cli
 from groundstation.history import History
+from groundstation.page import _handling
 from groundstation.recording import Recording
 from groundstation.report import finish
+from groundstation.runfolder import read
 from groundstation.scenes import Film, clock, label
-from tests.groundstation.runs import Sent, arena_of, chain, mission, record
+from tests.groundstation.runs import MS, START_NS, Sent, arena_of, chain, mission, record
 
 ARENA = arena_of(robots=4, targets=4)
 
@@ -137,3 +141,27 @@ def test_clock(seconds: float, decimals: int, text: str) -> None:
 @pytest.mark.parametrize(("robot", "text"), [("r06", "6"), ("r14", "14"), ("leader", "leader"), ("r", "r")])
 def test_label(robot: str, text: str) -> None:
     assert label(robot) == text
+
+
+def test_faults_are_told_with_their_remedy_and_how_long_they_lasted(tmp_path: Path) -> None:
+    arena = arena_of()
+    keys = Keys(arena.arena.name)
+    sent = mission(arena)
+    for late_ms, run, reason in (
+        (105, "holding", "pose <stale>"),
+        (155, "holding", "pose <stale>"),
+        (405, "running", ""),
+    ):
+        report = RobotReport(
+            robot="r02", boot=1, stamp_ns=START_NS + late_ms * MS, run=run, reason=reason, remedy="clear the view"
+        )  # fmt: skip
+        sent.append((keys.report("r02"), report, START_NS + late_ms * MS))
+    sent = [
+        e for e in sent if not (isinstance(e[1], RobotReport) and e[1].robot == "r02" and e[1].run == "running")
+    ] + [e for e in sent if isinstance(e[1], RobotReport) and e[1].stamp_ns == START_NS + 405 * MS]
+    record(tmp_path, arena, sorted(sent, key=lambda entry: entry[2]))
+    told = _handling(read(tmp_path))
+    assert told.count("<tr>") == 2, "the head, and one fault however often reported"
+    for words in ("+0.10 s", "holding", "pose &lt;stale&gt;", "clear the view", "0.30 s"):
+        assert words in told
+    assert _handling(read(record(tmp_path / "good", arena, mission(arena)))) == ""
