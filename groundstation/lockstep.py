@@ -31,7 +31,7 @@ from contract.messages import (
 )
 from contract.units import metres, radians
 from groundstation.activity import activity
-from groundstation.conditions import FIELD, IDEAL, Conditions
+from groundstation.conditions import Conditions
 from groundstation.hops import Hops, Plant, ShortCut
 from groundstation.referee import Referee
 from groundstation.targets import Scenario, lower_bound_s
@@ -41,7 +41,6 @@ from onboard.ahdc.stopping import Brake
 from onboard.journal import JournalledAgent
 from onboard.odometry import Pose
 
-__all__ = ["FIELD", "IDEAL", "Conditions", "Result", "World"]
 SUBSTEP_NS = 2_000_000
 """Motion is integrated and the network and distances are checked this often."""
 HEARTBEAT_NS = 50_000_000

@@ -18,9 +18,8 @@ from groundstation.estimates import Estimate
 from groundstation.lockstep import Result
 from groundstation.progress import Progress
 from groundstation.runfolder import RECORDING, write_whole
-from groundstation.sweep import Calibrated, Job, arena_for, local, play
+from groundstation.sweep import Calibrated, Job, local
 
-__all__ = ["Job", "arena_for", "play"]
 MAX_LIMIT_S = 86_400.0
 SHOWN_SEEDS = 20
 MM, MRAD, MS = 1e-3, 1e-3, 1e-3

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from contract.units import Point
 from groundstation import targets
-from groundstation.simulate import Job, play
+from groundstation.sweep import Job, play
 from groundstation.targets import CloudError, lower_bound_s, scenario
 
 SPEED_MPS, HOLD_S, REACH_M = 0.8, 1.0, 0.05

@@ -19,8 +19,11 @@ EVERY_ROOM = set(ROOMS)
 MAY_IMPORT_ROOMS = {
     "onboard/runtime.py": {"contract", "drivers"},
     "groundstation/emulated.py": EVERY_ROOM,
+    "groundstation/faultrows.py": EVERY_ROOM,
+    "groundstation/faults.py": EVERY_ROOM,
     "groundstation/hops.py": EVERY_ROOM,
     "groundstation/lockstep.py": EVERY_ROOM,
+    "groundstation/membership.py": {"contract", "onboard"},
     "groundstation/mock_arena.py": EVERY_ROOM,
     "groundstation/replaying.py": {"contract", "onboard"},
     "groundstation/rig.py": EVERY_ROOM,
@@ -30,7 +33,7 @@ MAY_IMPORT_ROOMS = {
 }
 """onboard/runtime.py turns wheels; rig.py and mock_arena.py compose a mission's processes; hops.py, lockstep.py and
 wire.py play a mission in one process and virtual time, which takes agents, drivers and motion capture together;
-replaying.py feeds a recording to the very agent."""
+membership.py restarts agents in it; replaying.py feeds a recording to the very agent."""
 DEVICES = {"can", "serial", "socket", "zenoh", "mcap"}
 MACHINE = {"asyncio", "logging", "multiprocessing", "select", "selectors", "signal", "subprocess", "threading", "time"}
 IMPURE = DEVICES | MACHINE

@@ -12,7 +12,7 @@ import hypothesis
 import pytest
 
 import onboard.ahdc
-from groundstation.simulate import Job, play
+from groundstation.sweep import Job, play
 from tests.onboard import test_equations
 
 NO_SHRINKING = hypothesis.settings(phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate), deadline=None)
