@@ -184,7 +184,6 @@ def _rows() -> tuple[Row, ...]:
         ("reorder", None),
         ("deaf", None),
         ("clock_drift", 50.0),
-        ("edit_mode", None),
     ):
         rows.append(Row("motion capture", kind, "goes on", _mocap(kind, value)))
     rows += [

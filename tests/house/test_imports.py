@@ -20,7 +20,6 @@ MAY_IMPORT_ROOMS = {
     "onboard/runtime.py": {"contract", "drivers"},
     "groundstation/emulated.py": EVERY_ROOM,
     "groundstation/faultrows.py": EVERY_ROOM,
-    "groundstation/faults.py": EVERY_ROOM,
     "groundstation/hops.py": EVERY_ROOM,
     "groundstation/lockstep.py": EVERY_ROOM,
     "groundstation/membership.py": {"contract", "onboard"},

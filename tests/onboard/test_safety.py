@@ -427,6 +427,7 @@ def test_numbers_begin_at_zero_and_tell_what_was_obeyed() -> None:
 def test_a_station_whose_boot_is_zero_or_large_is_heard_like_any_other() -> None:
     bench = Bench()
     bench.supervisor, bench.boot = Supervisor(ARENA, "r06"), 0
+    bench.assess()
     bench.beat("arm")
     assert bench.assess().run == "disarmed", "its first order was given before this robot came up"
     bench = Bench()
