@@ -12,7 +12,7 @@ from msgspec import Meta
 
 RobotId = Annotated[str, Meta(pattern="^[a-z][a-z0-9_]{0,15}$", description="robot id, such as r06")]
 RobotName = Annotated[str, Meta(min_length=1, max_length=16, description="robot id of the arena file")]
-"""In messages. The arena file holds ids to their pattern; a pattern on the wire would cost more than all else in one."""
+"""In messages. The arena file holds ids to their pattern; on the wire a pattern would cost more than all else."""
 Metres = Annotated[float, Meta(ge=-1000.0, le=1000.0, description="m")]
 Distance = Annotated[float, Meta(ge=0.0, le=1000.0, description="m, not negative")]
 Radians = Annotated[float, Meta(ge=-3.1416, le=3.1416, description="rad, (-pi, pi]")]

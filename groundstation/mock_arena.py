@@ -1,8 +1,8 @@
 """The emulated hardware of an arena in one process: motor controllers on ptys, bodies, motion capture.
 
 One epoll loop. Motors are integrated up to the moment somebody looks; frames leave at multiples of
-the period from the first, so the stream does not drift, and telemetry of the same moment follows them. What every emulated controller decoded goes
-to ``motor/<id>`` from a client session of this process's own.
+the period from the first, so the stream does not drift, and telemetry of the same moment follows them.
+What every emulated controller decoded goes to ``motor/<id>`` from a client session of this process's own.
 
 Faults. A file ``faults.txt`` beside the arena file is read again whenever it changes: one fault a line,
 ``ROBOT KIND`` (:data:`drivers.mock.faults.FAULTS`), ``udp corrupted`` (one bit of every datagram) or
