@@ -49,7 +49,7 @@ def test_release_arms_nothing_then_arm_and_start_work(one: Running) -> None:
         process = one.command(verb, "--arena", str(one.rig.config))
         one.until(lambda process=process: process.poll() is not None, f"{verb} returns")
         assert process.returncode == 0, process.stdout.read()
-        assert one.reports["r06"].run == state
+        one.until(lambda state=state: one.reports["r06"].run == state, f"r06 reports {state}")
         assert all(is_zero(sample) for sample in one.samples["r06"])
     process = one.command("start", "--arena", str(one.rig.config))
     one.until(lambda: one.moving("r06") or one.session.phase == "completed", "r06 moves again")
