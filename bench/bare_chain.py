@@ -55,7 +55,7 @@ def agent(endpoint: str, path: str) -> None:
         os.eventfd_write(event, 1)
 
     with client(endpoint) as opened:
-        opened.declare_subscriber(KEY, zenoh.handlers.Callback(store, indirect=False))
+        opened.declare_subscriber(KEY, store)
         line = os.open(path, os.O_RDWR | os.O_NOCTTY)
         poll = select.poll()
         poll.register(event, select.POLLIN)

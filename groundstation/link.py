@@ -64,11 +64,8 @@ class Link:
 
     def subscribe(self, keys: Iterable[str]) -> None:
         """Queue what arrives on these keys."""
-        import zenoh
-
-        handler = zenoh.handlers.Callback(self._store, indirect=False)
         for key in keys:
-            self._session.declare_subscriber(key, handler)
+            self._session.declare_subscriber(key, self._store)
 
     def _store(self, sample: Any) -> None:
         self._queue.append((str(sample.key_expr), sample.payload.to_bytes()))

@@ -12,6 +12,7 @@ import select
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -93,9 +94,8 @@ class Runtime:
         self._inbox.wake()
 
     def _join(self, session: Any, zenoh: Any) -> None:
-        def store(key: str) -> Any:
-            # straight from the network thread: a Python thread a key in between costs a wake-up each message
-            return zenoh.handlers.Callback(lambda sample: put(key, sample.payload.to_bytes()), indirect=False)
+        def store(key: str) -> Callable[[Any], None]:
+            return lambda sample: put(key, sample.payload.to_bytes())
 
         put, remote = self._inbox.put, zenoh.Locality.REMOTE
         for key in self._urgency:

@@ -35,7 +35,8 @@ def test_wheels_turn_and_answer(bench: PtyBench) -> None:
         assert feedback is not None
         samples = bench.host.samples(ROBOT)
         sample = samples[-1] if samples else sample
-        if sample is not None and sample.left_radps > 7.9:
+        speeds = bench.host.speeds(ROBOT)
+        if sample is not None and sample.left_radps > 7.9 and speeds.left_radps > 0.0 > speeds.right_radps:
             break
     assert feedback.enabled
     assert sample is not None
