@@ -20,7 +20,7 @@ def test_a_mission_home_and_the_mission_again(tmp_path: Path) -> None:
         for name, robot in two.arena.robots.items():
             batch = two.motors[name]
             assert math.dist((batch.true_x_m, batch.true_y_m), robot.start) < 0.05
-        assert {report.run for report in two.reports.values()} == {"disarmed"}
+        two.until(lambda: {report.run for report in two.reports.values()} == {"disarmed"}, "all are disarmed")
         again = two.command("repeat", "--arena", str(two.rig.config))
         two.until(lambda: again.poll() is not None, "a new mission")
         assert again.returncode == 0

@@ -1,5 +1,6 @@
 """A mission driven from the arena page in headless Chromium, in a mock arena of real processes."""
 
+import contextlib
 import json
 import os
 import re
@@ -88,7 +89,8 @@ def _note_foreign(url: str, home: str, faults: list[str]) -> None:
 
 
 def wait_run(page: Page, *states: str) -> None:
-    expect(page.locator("body")).to_have_attribute("data-run", re.compile("|".join(states)), timeout=PATIENCE_MS)
+    whole = re.compile(f"^({'|'.join(states)})$")
+    expect(page.locator("body")).to_have_attribute("data-run", whole, timeout=PATIENCE_MS)
 
 
 def shoot(page: Page, name: str) -> None:
@@ -119,6 +121,11 @@ def arm_and_start(page: Page) -> None:
     wait_run(page, "DISARMED")
     expect(page.locator("[data-action^=Arm]")).to_be_enabled(timeout=PATIENCE_MS)
     page.keyboard.press("a")
+    with contextlib.suppress(AssertionError):  # refused where the station was on its way to a new mission
+        expect(page.locator("body")).to_have_attribute("data-run", "ARMED", timeout=3000)
+    if page.locator("body").get_attribute("data-run") == "DISARMED":
+        expect(page.locator("[data-action^=Arm]")).to_be_enabled(timeout=PATIENCE_MS)
+        page.keyboard.press("a")
     wait_run(page, "ARMED")
     page.keyboard.down("Enter")
     wait_run(page, "RUNNING")
