@@ -33,6 +33,11 @@ def children_of(pid: int) -> dict[int, str]:
     return found
 
 
+def heeding_ctrl_c() -> None:
+    """Also where the tests themselves run in the background of a shell, which then ignores SIGINT for all it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Demo:
     """``demo`` as a person starts it, its output in a file."""
 
@@ -47,6 +52,7 @@ class Demo:
                 stdout=sink,
                 stderr=subprocess.STDOUT,
                 process_group=0,
+                preexec_fn=heeding_ctrl_c,
             )
 
     def said(self) -> str:
