@@ -83,7 +83,7 @@ def started(demo: Demo) -> tuple[dict[int, str], list[Path]]:
     assert len(children) == 5, children
     assert len(ptys) == 2
     recorded = demo.out / "run.mcap"
-    wait(lambda: recorded.exists() and recorded.stat().st_size > 200_000, "some seconds recorded")
+    wait(lambda: recorded.exists() and recorded.stat().st_size > 400_000, "some seconds recorded")
     return children, ptys
 
 
