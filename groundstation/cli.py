@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from contract.arena import ArenaError
+from groundstation.current import NoArenaError
 
 PROGRAM = "ahdc-groundstation"
 
@@ -117,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = module.run(args)
         sys.stdout.flush()
         return code
-    except ArenaError as error:
+    except (ArenaError, NoArenaError) as error:
         print(error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:

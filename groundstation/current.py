@@ -3,6 +3,12 @@
 import os
 from pathlib import Path
 
+from contract.arena import Arena, load
+
+
+class NoArenaError(ValueError):
+    """Neither a file was named nor is a session known."""
+
 
 def _note() -> Path:
     state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
@@ -25,3 +31,15 @@ def recall() -> Path | None:
     except OSError:
         return None
     return config if config.is_file() else None
+
+
+def arena_of(asked: Path | None) -> Arena:
+    """The arena of the file asked for, else of the session started last.
+
+    :raises NoArenaError: there is neither.
+    :raises contract.arena.ArenaError: the file has faults.
+    """
+    path = asked or recall()
+    if path is None:
+        raise NoArenaError("which arena? --arena FILE (no session was started on this machine)")
+    return load(path)

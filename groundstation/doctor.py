@@ -2,17 +2,16 @@
 
 import argparse
 import shutil
-import sys
 import time
 from pathlib import Path
 
 import msgspec
 
-from contract.arena import Arena, digest, load
+from contract.arena import Arena, digest
 from contract.checks import CheckResult, worst
 from contract.messages import Message, MocapFrame, MocapHealth, RobotReport, StationHeartbeat
 from groundstation.connectivity import summary
-from groundstation.current import recall
+from groundstation.current import arena_of
 from groundstation.failsafes import Facts
 from groundstation.link import Link, LinkError
 from groundstation.preflight import Fleet, preflight
@@ -109,11 +108,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit code 0 where nothing fails, 1 where something does."""
-    path = args.arena or recall()
-    if path is None:
-        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
-        return 2
-    arena = load(path)
+    arena = arena_of(args.arena)
     try:
         results = preflight(listen(arena, args.wait, args.out))
     except LinkError as error:

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
-from contract.arena import Arena, load
+from contract.arena import Arena
 from contract.messages import MocapFrame, OrderRequest, RunStatus
-from groundstation.current import recall
+from groundstation.current import arena_of
 from groundstation.link import Link, LinkError
 from groundstation.session import misplaced
 
@@ -34,11 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    path = args.arena or recall()
-    if path is None:
-        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
-        return 2
-    arena = load(path)
+    arena = arena_of(args.arena)
     try:
         with Link(arena, f"order-{os.getpid()}", timeout_s=2.0) as link:
             link.subscribe([link.keys.status])

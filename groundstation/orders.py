@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from contract.arena import Arena, load
+from contract.arena import Arena
 from contract.messages import Message, OrderRequest, RobotReport, RunStatus, StopRequest
-from groundstation.current import recall
+from groundstation.current import arena_of
 from groundstation.link import Link, LinkError
 
 REPEAT_S = 0.05
@@ -76,11 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit code 0 once every robot has obeyed; 1 naming those that have not."""
-    path = args.arena or recall()
-    if path is None:
-        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
-        return 2
-    arena = load(path)
+    arena = arena_of(args.arena)
     work = {"stop": _stop, "status": _status}.get(args.verb, _order)
     return work(arena, args)
 

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import uvicorn
 
-from contract.arena import load
-from groundstation.current import recall
+from groundstation.current import arena_of
 from groundstation.link import LinkError
 from groundstation.page_intake import Intake
 from groundstation.page_live import Page, is_loopback
@@ -39,14 +38,10 @@ def run(args: argparse.Namespace) -> int:
     """Serve until SIGTERM or Ctrl-C."""
     if args.replay is not None:
         return _replay(args)
-    path = args.arena or recall()
-    if path is None:
-        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
-        return 2
     if not 0 <= args.port <= 65535:
         print(f"--port {args.port}: 0 to 65535", file=sys.stderr)
         return 2
-    arena = load(path)
+    arena = arena_of(args.arena)
     token = "" if is_loopback(args.host) else secrets.token_urlsafe(12)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)

@@ -6,9 +6,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from contract.arena import Arena, load
+from contract.arena import Arena
 from contract.messages import LogEntry, Message, MocapHealth, RobotReport, RunStatus
-from groundstation.current import recall
+from groundstation.current import arena_of
 from groundstation.link import Link, LinkError
 from groundstation.scenes import clock
 
@@ -136,11 +136,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    path = args.arena or recall()
-    if path is None:
-        print("which arena? --arena FILE (no session was started on this machine)", file=sys.stderr)
-        return 2
-    arena = load(path)
+    arena = arena_of(args.arena)
     watch = Watch(arena)
     try:
         with Link(arena, "watch", timeout_s=2.0) as link:

@@ -13,6 +13,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -194,6 +195,14 @@ class Runtime:
         print(f"{self._robot} {level}: {event}: {text}", file=sys.stderr, flush=True)
 
 
+def software() -> str:
+    """Version of the installed distribution; empty where it runs from a checkout that is not installed."""
+    try:
+        return version("ahdc-fieldkit")
+    except PackageNotFoundError:
+        return ""
+
+
 def run(path: Path, robot: str) -> int:
     """Run one robot of an arena file until it is told to end; the exit code.
 
@@ -202,5 +211,5 @@ def run(path: Path, robot: str) -> int:
     arena = load(path, wheel_faults)
     robot_or_fault(arena, robot)
     os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
-    agent = JournalledAgent(arena, robot, boot=time.time_ns() // 1_000_000)
+    agent = JournalledAgent(arena, robot, boot=time.time_ns() // 1_000_000, software=software())
     return Runtime(arena, robot, agent, open_robot(arena, robot)).run()

@@ -9,6 +9,7 @@ import pytest
 from contract.arena import ArenaError, digest, load
 from drivers.registry import port_path, wheel_faults
 from groundstation import current
+from groundstation.cli import main
 from groundstation.mock_arena import flip_bit
 from groundstation.orders import Acknowledgement, describe, status_lines
 from groundstation.processes import Family
@@ -139,3 +140,12 @@ def test_processes_end_group_by_group(tmp_path: Path) -> None:
         assert family.end() == dict.fromkeys(("r06", "r08", "recorder", "bridge"), 0)
     assert log.read_text().split()[2:] == ["recorder", "bridge"]
     assert sorted(log.read_text().split()[:2]) == ["r06", "r08"]
+
+
+@pytest.mark.parametrize("verb", ["stop", "status", "home", "doctor", "watch", "page"])
+def test_without_a_file_or_a_session_every_verb_asks_for_the_arena(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert main([verb]) == 2
+    assert capsys.readouterr().err.startswith("which arena? --arena FILE")
