@@ -344,7 +344,7 @@ class Session:
             return words
         if not report.pose_valid:
             return f"{name} has no valid pose"
-        if (self._order_id == 1 or self._addressees or name not in self._crew) and report.run != "disarmed":
+        if (self._order == "disarm" or self._addressees or name not in self._crew) and report.run != "disarmed":
             return f"{name} is {report.run}; release it (disarm)"
         if report.run == "disarmed" and report.reason and self._order != "arm":
             return f"{name}: {report.reason}"

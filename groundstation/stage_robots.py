@@ -77,6 +77,8 @@ class RobotStage:
         if session.misplaced():
             self._go_home()
         session.seed(msgspec.structs.replace(cloud, mission=f"{cloud.mission}-{monotonic_ns() // 10**6 % 10**6}"))
+        # the recorder's start takes longer than robots with power bear without a heartbeat
+        self._until(lambda: session.phase == "ready", READY_S, "not ready")
         why = ""
         (folder / "logs").mkdir()
         with Family() as family:
@@ -96,6 +98,8 @@ class RobotStage:
     def _order(self, order: str, phase: str) -> None:
         self._session.order(order, monotonic_ns())  # type: ignore[arg-type]
         self._until(lambda: self._session.phase in (phase, *ENDED), READY_S, f"{order} not obeyed")
+        if order == "arm" and self._session.phase in ENDED:
+            raise NotReady(f"not armed: {self._session.phase}, {self._session.detail}")
 
     def _go_home(self) -> None:
         self._until(lambda: not self._session.lacking(monotonic_ns(), connected=False), READY_S, "not ready to go home")

@@ -227,6 +227,19 @@ def test_an_operator_takes_it_through_step_by_step() -> None:
     assert ask("disarm") == "ready"
 
 
+def test_it_is_not_ready_again_before_every_robot_has_obeyed_the_release() -> None:
+    swarm = Swarm()
+    swarm.turn(5)
+    swarm.obedient = False
+    swarm.occupy("83")
+    assert swarm.turn() == "completed"
+    swarm.session.order("disarm", swarm.now)
+    assert swarm.turn(3) == "waiting"
+    assert "r06 is running; release it (disarm)" in swarm.session.detail
+    swarm.obedient = True
+    assert swarm.turn(3) == "ready"
+
+
 def test_order_ids_only_rise_and_heartbeats_count() -> None:
     swarm = Swarm()
     beats = []
