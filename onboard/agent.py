@@ -139,6 +139,7 @@ class Agent:
                 self.supervisor.stop_request(message, now_ns)
             case TargetCloud():
                 if self.sensing.cloud(message):
+                    self.think()  # the last step's view is of the old mission
                     self.controller.begin(message.mission)
                 self._start_direction = message.start_direction_rad
             case _:

@@ -301,6 +301,21 @@ def test_a_new_mission_forgets_the_occupied_targets_and_a_late_neighbour_does_no
     assert occupied() == "1"
 
 
+def test_a_new_mission_between_a_step_and_its_thoughts_leaves_nothing_of_the_old_one() -> None:
+    stage = Stage({"r02": (0.9, 0.5)})
+    stage.run(5)
+    stage.agent.receive(state("r02", 0.9, 0.5, seq=1, mission="m", occupied="1"), stage.now_ns)
+    stage.now_ns += PERIOD_NS
+    stage.frame += 1
+    assert stage.agent.receive(stage.mocap(), stage.now_ns)
+    stage.agent.step(stage.now_ns)
+    stage.agent.receive(TargetCloud(mission="n", targets=(Target(index=0, x_m=1.2, y_m=0.5),)), stage.now_ns)
+    stage.agent.outbox(stage.now_ns)
+    stage.run(12)
+    told = [message for _, message in stage.said if isinstance(message, NeighbourState)]
+    assert [message.occupied for message in told if message.mission == "n"][-1] == ""
+
+
 def test_towards_a_robot_at_rest_it_goes_no_faster_than_a_cut_allows() -> None:
     stage = Stage({"r02": (0.9, 0.5)})
     stage.agent.receive(TargetCloud(mission="n", targets=(Target(index=0, x_m=1.4, y_m=0.5),)), stage.now_ns)
