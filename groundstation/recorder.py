@@ -86,7 +86,7 @@ class Reel:
             elif key == self._keys.targets and payload != self._cloud:
                 self._cloud = payload
                 mission = _mission_of(payload)
-                if self._ran and mission not in (None, self._mission):
+                if self._ran and mission is not None and self._mission not in (None, mission):
                     self.tape.write(messages[begin:number])
                     begin = number
                     self._roll(dropped)

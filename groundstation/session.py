@@ -142,6 +142,7 @@ class Session:
             if cloud != self.cloud:
                 self.cloud = cloud
                 self._occupied.clear()
+                self.phase, self.detail = "waiting", "new targets"
         elif cloud != self.cloud:
             self.detail = f"new targets refused while {self.phase}"
 

@@ -92,6 +92,8 @@ class RobotStage:
                 left = trial.targets - len(session.occupied)
                 why = f"{left} of {trial.targets} targets left after {self._experiment.timeout_s:g} s"
                 session.order("disarm", monotonic_ns())
+            elif session.phase != "completed":
+                why = f"{session.phase}: {session.detail}"
             self._conductor.until(lambda: session.at_rest, REST_S)
         return judged(trial, folder, why)
 

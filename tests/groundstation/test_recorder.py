@@ -142,6 +142,17 @@ def test_an_unwritable_folder_is_told(arena: Arena, tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_targets_first_heard_while_robots_run_are_the_running_mission(tmp_path: Path) -> None:
+    arena = arena_of()
+    write_config(arena, tmp_path / "config.toml")
+    reel = Reel(tmp_path, arena, (tmp_path / "config.toml").read_bytes())
+    running = (KEYS.status, encode(RunStatus(stamp_ns=1, phase="running")), 1)
+    reel.write([running, (KEYS.targets, encode(TargetCloud(mission="a", targets=())), 1)], 0)
+    reel.tape.close(0)
+    assert not reel.finished
+    assert reel.tape.path.parent == tmp_path
+
+
 def test_a_repeated_mission_gets_a_run_folder_of_its_own(tmp_path: Path) -> None:
     arena = arena_of()
     out = tmp_path / "lab"

@@ -240,6 +240,18 @@ def test_it_is_not_ready_again_before_every_robot_has_obeyed_the_release() -> No
     assert swarm.turn(3) == "ready"
 
 
+def test_new_targets_have_to_reach_the_robots_before_it_is_ready_again() -> None:
+    swarm = Swarm(Plan())
+    assert swarm.turn(3) == "ready"
+    swarm.session.seed(CLOUD)
+    assert swarm.session.phase == "ready", "the same targets change nothing"
+    swarm.session.seed(TargetCloud(mission="n", targets=CLOUD.targets))
+    assert swarm.session.phase == "waiting"
+    swarm.session.order("arm", swarm.now)
+    assert swarm.session.heartbeat(swarm.now).order == "disarm"
+    assert swarm.turn(2) == "ready"
+
+
 def test_order_ids_only_rise_and_heartbeats_count() -> None:
     swarm = Swarm()
     beats = []
