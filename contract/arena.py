@@ -1,7 +1,7 @@
 """The arena file: one TOML table to a frozen :class:`Arena`, every fault reported at once.
 
 Sections: ``arena`` (the floor), ``link`` (the network), ``mocap`` (poses in), ``control`` (the
-law), ``platform`` (the body), ``safety`` (failsafe thresholds), ``targets``, ``robots``.
+law), ``platform`` (the body), ``safety`` (failsafe thresholds), ``targets``, ``robots``, ``deploy``.
 Lengths in metres, angles in radians, frame as in :mod:`contract.units`.
 """
 
@@ -187,6 +187,21 @@ class Targets(Struct, frozen=True, forbid_unknown_fields=True):
     """Where the swarm is pointed at the start; unset: towards the middle of the cloud."""
 
 
+class Deploy(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[deploy]``: how the robots' computers get their software (docs/deploy.md)."""
+
+    user: Annotated[str, Meta(pattern="^[a-z_][a-z0-9_-]{0,31}$")] = "root"
+    """Who logs in by ssh: root, or one who may use sudo without a password."""
+    port: Port = 22
+    folder: Annotated[str, Meta(pattern="^/[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$")] = "/opt/ahdc"
+    """On the robot; each robot has a folder of its own in it."""
+    cpus: tuple[Annotated[int, Meta(ge=0, le=1023)], ...] = ()
+    """Cores a robot's process is kept on; empty: any."""
+    realtime_priority: Annotated[int, Meta(ge=0, le=99)] = 0
+    """Above 0: SCHED_FIFO with this priority. Not with emulated wheels: pseudo-terminals are served by ordinary
+    kernel threads."""
+
+
 class Robot(Struct, frozen=True, forbid_unknown_fields=True):
     """``[robots.ID]``: one robot."""
 
@@ -200,6 +215,8 @@ class Robot(Struct, frozen=True, forbid_unknown_fields=True):
     """Heading of the robot minus heading of its rigid body, from calibration."""
     emulate: tuple[Literal["wheels", "body"], ...] = ()
     """Parts that are emulated rather than real. Default: all real."""
+    host: Annotated[str, Meta(pattern="^[A-Za-z0-9.:_-]{0,253}$")] = ""
+    """Name or address of its computer, for `deploy`; empty: nothing is deployed to it."""
 
 
 class Arena(Struct, frozen=True, forbid_unknown_fields=True):
@@ -213,6 +230,7 @@ class Arena(Struct, frozen=True, forbid_unknown_fields=True):
     platform: Platform = Platform()
     safety: Safety = Safety()
     targets: Targets = Targets()
+    deploy: Deploy = Deploy()
     version: Literal[1] = 1
     """Version of the file format."""
 
@@ -274,8 +292,16 @@ def table_of(arena: Arena) -> dict[str, Any]:
 
 
 def digest(arena: Arena) -> str:
-    """Twelve hexadecimal digits that differ whenever two resolved arena files differ."""
-    return hashlib.sha256(msgspec.json.encode(table_of(arena), order="sorted")).hexdigest()[:12]
+    """Twelve hexadecimal digits that differ whenever two resolved arena files differ in what robots must agree on.
+
+    Left out: how software gets to a robot, and where each computer keeps its certificates.
+    """
+    table = table_of(arena)
+    del table["deploy"]
+    table["link"].pop("keys", None)
+    for robot in table["robots"].values():
+        del robot["host"]
+    return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()[:12]
 
 
 def _without_none(value: Any) -> Any:

@@ -133,6 +133,14 @@ def test_the_digest_tells_any_difference() -> None:
     assert len(digests) == 3
 
 
+def test_the_digest_is_silent_about_how_software_gets_to_robots() -> None:
+    moved = copy.deepcopy(GOOD) | {"deploy": {"user": "pi", "cpus": [3]}}
+    moved["robots"]["r06"]["host"] = "192.168.7.16"
+    arena = parse(moved, "t")
+    assert (arena.robots["r06"].host, arena.deploy.cpus) == ("192.168.7.16", (3,))
+    assert digest(arena) == digest(parse(GOOD, "t"))
+
+
 def test_an_unknown_robot_is_answered_with_the_known_ones() -> None:
     arena = parse(GOOD, "t")
     assert robot_or_fault(arena, "r06").body == "r06"

@@ -22,6 +22,7 @@ SECTIONS: dict[str, type[msgspec.Struct]] = {
     "safety": arena.Safety,
     "targets": arena.Targets,
     "robots.ID": arena.Robot,
+    "deploy": arena.Deploy,
 }
 
 
