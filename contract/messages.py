@@ -27,6 +27,8 @@ from contract.units import (
 
 SCHEMA_VERSION = 2
 """Raised by one with every change that an older peer would misread; compared at session start."""
+TOOK_OVER = "another station took over"
+"""Why a robot with power is disarmed when a station starts again; nothing that has to be mended."""
 
 
 class Message(Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):

@@ -3,7 +3,7 @@
 from typing import Literal, NamedTuple
 
 from contract.arena import Arena, digest
-from contract.messages import SCHEMA_VERSION, BodyPose, RobotReport
+from contract.messages import SCHEMA_VERSION, TOOK_OVER, BodyPose, RobotReport
 
 SILENT_S = 1.0
 SLOW_LOOP = 0.8
@@ -134,7 +134,7 @@ def _stated(report: RobotReport) -> Complaint | None:
     """What the robot itself says, in its words."""
     if not report.reason:
         return None
-    if report.run == "disarmed" and report.reason.startswith("another station took over"):
+    if report.run == "disarmed" and report.reason == TOOK_OVER:
         return None
     level: Level = "fault" if report.run in ("fault", "stopped", "holding") else "caution"
     title = {"fault": "Fault", "stopped": "Stopped", "holding": "Waits"}.get(report.run, "Not ready")

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from contract.arena import Arena, digest
 from contract.messages import (
     SCHEMA_VERSION,
+    TOOK_OVER,
     Message,
     MocapFrame,
     NeighbourState,
@@ -347,7 +348,7 @@ class Session:
             return f"{name} has no valid pose"
         if (self._order == "disarm" or self._addressees or name not in self._crew) and report.run != "disarmed":
             return f"{name} is {report.run}; release it (disarm)"
-        if report.run == "disarmed" and report.reason and self._order != "arm":
+        if report.run == "disarmed" and report.reason not in ("", TOOK_OVER) and self._order != "arm":
             return f"{name}: {report.reason}"
         return ""
 

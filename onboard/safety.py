@@ -11,7 +11,7 @@ Nothing here opens, logs or reads a clock. The limits on the law's velocity are 
 from typing import Literal, NamedTuple
 
 from contract.arena import Arena, digest
-from contract.messages import SCHEMA_VERSION, RunState, StationHeartbeat, StopRequest
+from contract.messages import SCHEMA_VERSION, TOOK_OVER, RunState, StationHeartbeat, StopRequest
 from onboard.failsafes import FAILSAFES, Action, Conditions, Sight, age_s, text
 from onboard.limits import REST_MPS
 
@@ -109,7 +109,7 @@ class Supervisor:
         self._mismatch = self._difference(message)
         if newcomer:
             self._seen_order = message.order_id
-            self._apply("adopt", now_ns, "another station took over", "arm again")
+            self._apply("adopt", now_ns, TOOK_OVER, "arm again")
         elif message.order_id > self._seen_order:
             self._seen_order = message.order_id
             if message.order != "stop" and (not message.robots or self._robot in message.robots):
@@ -194,6 +194,8 @@ class Supervisor:
         self.order_id = message.order_id
         if order == "run":
             self.homing = message.home
+        if order == "disarm":
+            self._reason = self._remedy = self._failsafe = ""
         self._apply(order, now_ns, "", "")
 
     def _apply(self, event: Event, now_ns: int, reason: str, remedy: str) -> None:
