@@ -39,6 +39,7 @@ from onboard.odometry import Odometry, Pose
 from onboard.pacing import Pacing
 from onboard.safety import Supervisor, Verdict
 from onboard.sensing import Sensing
+from onboard.vitals import Vitals
 
 REPORT_PERIOD_NS = 100_000_000
 STALL_NS = 50_000_000
@@ -191,6 +192,13 @@ class Agent:
     def verdict(self) -> Verdict | None:
         """The supervisor's last word; None before the first step or tick."""
         return self._verdict
+
+    @property
+    def vitals(self) -> Vitals:
+        """What a watchdog judges."""
+        feedback_ns = self._feedback.stamp_ns if self._feedback else 0
+        reason = self._verdict.reason if self._verdict else ""
+        return Vitals(self.supervisor.state, reason, self._frame_arrival_ns, feedback_ns)
 
     # --- the loop -----------------------------------------------------------------------------
 

@@ -21,6 +21,7 @@ from typing import Any
 from contract import network
 from contract.arena import Arena, load, robot_or_fault
 from contract.codec import WireError, encode
+from contract.exposure import exposure
 from contract.keys import Keys
 from contract.messages import LogEntry
 from drivers.base import WheelSpeeds
@@ -30,6 +31,7 @@ from drivers.registry import open_robot, wheel_faults
 from onboard.agent import Agent, Drive
 from onboard.inbox import Inbox, read
 from onboard.journal import JournalledAgent
+from onboard.service import Service, lock_memory
 
 TICK_NS = 18_000_000
 HOUSEKEEPING_NS = 2_000_000
@@ -62,16 +64,19 @@ class Runtime:
         self._state = "disarmed"
         self._counted_ns = 0
         self._poll = select.poll()
+        self._service = Service()
 
     def run(self) -> int:
         """Until SIGTERM or SIGINT; wheels at zero and disabled on every way out."""
         import zenoh
 
         config = zenoh.Config()
-        for key, value in network.client_config(self._arena.link.router):
+        identity = network.identity(self._arena.link.keys, self._robot)
+        for key, value in network.client_config(self._arena.link.router, identity=identity):
             config.insert_json5(key, value)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
+        self._service.waiting(f"waits for the router at {self._arena.link.router}")
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
         try:
             session = zenoh.open(config)
@@ -84,9 +89,13 @@ class Runtime:
                 gc.collect()
                 gc.freeze()
                 gc.set_threshold(50_000, 20, 100)
+                if self._service.managed:
+                    lock_memory()
+                self._service.ready(self._state)
                 print(f"READY {self._robot}", flush=True)
                 self._loop()
             finally:
+                self._service.stopping()
                 self._wheels.shut(time.monotonic_ns())
         return 0
 
@@ -171,6 +180,8 @@ class Runtime:
             self._agent.wrote(time.monotonic_ns())
 
     def _keep_house(self, now_ns: int) -> None:
+        if self._service.managed and (why := self._service.beat(self._agent.vitals, now_ns)):
+            self._log("error", "watchdog", f"{why}: this process is to be started anew, disarmed", now_ns)
         self._listen(now_ns)
         self._wheels.listen(time.monotonic_ns())
         self._wheels.ask(time.monotonic_ns())
@@ -210,6 +221,8 @@ def run(path: Path, robot: str) -> int:
     """
     arena = load(path, wheel_faults)
     robot_or_fault(arena, robot)
+    if words := exposure((arena.link.router,), arena.link.keys):
+        print(words, file=sys.stderr, flush=True)
     os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
     agent = JournalledAgent(arena, robot, boot=time.time_ns() // 1_000_000, software=software())
     return Runtime(arena, robot, agent, open_robot(arena, robot)).run()

@@ -41,6 +41,7 @@ STATION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optio
 STATION_ONLY = {Requirement(text).name for text in STATION}
 SHELLS = (
     "onboard/runtime.py",
+    "onboard/service.py",
     "drivers/can/bus.py",
     "drivers/serial/port.py",
     "drivers/verbs/*.py",
