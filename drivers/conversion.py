@@ -26,9 +26,9 @@ class WheelScale(NamedTuple):
 
 def saturate(left: float, right: float, limit: float) -> tuple[float, float]:
     """Both wheels divided by max(1, |peak| / limit): curvature is kept."""
-    peak = max(abs(left), abs(right))
-    if peak <= limit:
+    if -limit <= left <= limit and -limit <= right <= limit:
         return left, right
+    peak = max(abs(left), abs(right))
     return left * limit / peak, right * limit / peak
 
 
@@ -36,8 +36,9 @@ class Odometer:
     """Wheel angle since the start from device positions, modulo 2**bits where the device wraps."""
 
     def __init__(self, scale: WheelScale, bits: int | None = None) -> None:
-        self._scale = scale
+        self._units_per_rad = scale.units_per_rad
         self._span = 0 if bits is None else 1 << bits
+        self._half = self._span // 2
         self._last: float | None = None
         self._travelled = 0.0
 
@@ -45,15 +46,15 @@ class Odometer:
         """Angle in rad after this reading; the first reading is zero."""
         if self._last is not None:
             delta = position - self._last
-            if self._span:
-                delta = (delta + self._span // 2) % self._span - self._span // 2
+            if self._span and not -self._half <= delta < self._half:
+                delta = (delta + self._half) % self._span - self._half
             self._travelled += delta
         self._last = position
-        return self.angle_rad
+        return self._travelled / self._units_per_rad
 
     @property
     def angle_rad(self) -> float:
-        return self._scale.to_wheel(self._travelled)
+        return self._travelled / self._units_per_rad
 
     def restart(self) -> None:
         """Count from the next reading, keeping the angle travelled: the device lost its position."""

@@ -35,6 +35,7 @@ class GateState(Enum):
     """A stop is latched: only ``arm`` leaves it."""
 
 
+_ARMED = GateState.ARMED
 ZERO = (0.0, 0.0)
 TOLERANCE = 1.0 + 1e-9
 """A command this little above a bound is rounding, not a fault; it is shrunk without being counted."""
@@ -45,6 +46,7 @@ class Gate:
 
     def __init__(self, limits: GateLimits) -> None:
         self.limits = limits
+        self._top_radps, self._slew_radps2, self._age_ns = limits
         self.state = GateState.DISARMED
         self.counters: Counter[str] = Counter()
         self._last = ZERO
@@ -70,12 +72,23 @@ class Gate:
         """What may be sent for a command computed at ``stamp_ns``: itself, shrunk, or zero."""
         if left_radps == 0.0 and right_radps == 0.0:
             return self._hold(now_ns)
-        reason = self._refusal(left_radps, right_radps, stamp_ns, now_ns)
-        if reason:
-            self.counters[reason] += 1
+        if not (self.state is _ARMED and self._last_ns <= now_ns and 0 <= now_ns - stamp_ns <= self._age_ns):
+            return self._refuse(stamp_ns, now_ns)
+        top = self._top_radps
+        growth = self._slew_radps2 * (now_ns - self._last_ns) * 1e-9
+        last_left, last_right = self._last
+        if (
+            -top <= left_radps <= top
+            and -top <= right_radps <= top
+            and -growth <= left_radps - last_left <= growth
+            and -growth <= right_radps - last_right <= growth
+        ):
+            permitted = left_radps, right_radps
+        elif math.isfinite(left_radps) and math.isfinite(right_radps):
+            permitted = self._shrink(left_radps, right_radps, growth)
+        else:
+            self.counters["nonfinite"] += 1
             return self._hold(now_ns)
-        growth = self.limits.max_slew_radps2 * (now_ns - self._last_ns) * 1e-9
-        permitted = self._shrink(left_radps, right_radps, growth)
         self._last, self._last_ns = permitted, now_ns
         return permitted
 
@@ -85,7 +98,7 @@ class Gate:
         While armed it is due again after every ``command_age_ns``, which keeps a device watchdog
         fed at standstill; it never repeats a motion.
         """
-        if self.state is GateState.DISARMED or 0 <= now_ns - self._last_ns <= self.limits.command_age_ns:
+        if self.state is GateState.DISARMED or 0 <= now_ns - self._last_ns <= self._age_ns:
             return None
         if self._last != ZERO:
             self.counters["clock" if now_ns < self._last_ns else "stale"] += 1
@@ -95,16 +108,12 @@ class Gate:
         self._last, self._last_ns = ZERO, now_ns
         return ZERO
 
-    def _refusal(self, left_radps: float, right_radps: float, stamp_ns: int, now_ns: int) -> str:
-        if self.state is not GateState.ARMED:
-            return str(self.state.value)
-        if not (math.isfinite(left_radps) and math.isfinite(right_radps)):
-            return "nonfinite"
-        if now_ns < self._last_ns or stamp_ns > now_ns:
-            return "clock"
-        if now_ns - stamp_ns > self.limits.command_age_ns:
-            return "stale"
-        return ""
+    def _refuse(self, stamp_ns: int, now_ns: int) -> tuple[float, float]:
+        if self.state is not _ARMED:
+            self.counters[self.state.value] += 1
+        else:
+            self.counters["clock" if now_ns < self._last_ns or stamp_ns > now_ns else "stale"] += 1
+        return self._hold(now_ns)
 
     def _shrink(self, left_radps: float, right_radps: float, growth_radps: float) -> tuple[float, float]:
         factor = 1.0

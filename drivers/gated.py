@@ -29,6 +29,7 @@ class GatedDrive:
     def __init__(self, inner: DiffDrive, gate: Gate, health: Health, trim: Trim | None = None) -> None:
         self.inner = inner
         self.trim = Trim() if trim is None else trim
+        self._trimmed = not self.trim.idle
         self.gate = gate
         self.health = health
 
@@ -59,9 +60,14 @@ class GatedDrive:
 
     def write(self, speeds: WheelSpeeds, now_ns: int, stamp_ns: int | None = None) -> None:
         """:param stamp_ns: when the command was computed, if earlier than ``now_ns``."""
-        left, right = self.gate.permit(*speeds, now_ns if stamp_ns is None else stamp_ns, now_ns)
-        self.health.command(left, right, now_ns)
-        self.inner.write(WheelSpeeds(left, right) if self.trim.idle else self.trim.outward(left, right), now_ns)
+        left, right = speeds
+        permitted = self.gate.permit(left, right, now_ns if stamp_ns is None else stamp_ns, now_ns)
+        self.health.command(*permitted, now_ns)
+        if self._trimmed:
+            speeds = self.trim.outward(*permitted)
+        elif permitted != speeds:
+            speeds = WheelSpeeds(*permitted)
+        self.inner.write(speeds, now_ns)
 
     def poll(self, now_ns: int) -> None:
         if self.gate.tick(now_ns) is not None:
@@ -73,7 +79,8 @@ class GatedDrive:
         sample = self.inner.read(now_ns)
         if sample is not None:
             self.health.measured(sample, now_ns)
-            sample = self.trim.sample(sample)
+            if self._trimmed:
+                sample = self.trim.sample(sample)
         return sample
 
     def why_silent(self) -> str:

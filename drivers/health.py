@@ -36,9 +36,10 @@ class _Wheel:
         self._agreed_ns = 0
 
     def command(self, radps: float, sure_radps: float, now_ns: int) -> None:
-        if abs(radps) < sure_radps or radps * self.command_radps <= 0.0:
+        sure = -sure_radps >= radps or radps >= sure_radps
+        if not sure or radps * self.command_radps <= 0.0:
             self._moved_ns = self._agreed_ns = now_ns
-        self.command_radps = radps if abs(radps) >= sure_radps else 0.0
+        self.command_radps = radps if sure else 0.0
 
     def measured(self, radps: float, angle_rad: float, now_ns: int) -> None:
         if self._angle_rad is None or abs(angle_rad - self._angle_rad) > STEP_RAD:

@@ -37,11 +37,11 @@ class DeviceLine(Generic[PortT]):
         self.device = device
         self.port = port
         self.counters: Counter[str] = Counter()
-        self._dropped_in_a_row = 0
+        self.dropped_in_a_row = 0
 
     def open_port(self) -> None:
         """:raises LinkLost: with the reason."""
-        self._dropped_in_a_row = 0
+        self.dropped_in_a_row = 0
         try:
             self.port.open()
         except OSError as error:
@@ -72,10 +72,10 @@ class DeviceLine(Generic[PortT]):
         :raises LinkLost: ``MAX_DROPPED`` in a row did.
         """
         if sent:
-            self._dropped_in_a_row = 0
+            self.dropped_in_a_row = 0
             return
         self.counters["send_dropped"] += 1
-        self._dropped_in_a_row += 1
-        if self._dropped_in_a_row >= MAX_DROPPED:
-            self._dropped_in_a_row = 0
+        self.dropped_in_a_row += 1
+        if self.dropped_in_a_row >= MAX_DROPPED:
+            self.dropped_in_a_row = 0
             raise self.lost(f"no room for {MAX_DROPPED} writes in a row (ENOBUFS)", FULL.format(port=self.port.name))

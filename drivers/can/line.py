@@ -19,7 +19,8 @@ class CanLine(DeviceLine[FramePort]):
             sent = self.port.send(frames)
         except OSError as error:
             raise self.dead("send", error) from error
-        self.note(sent)
+        if not sent or self.dropped_in_a_row:
+            self.note(sent)
 
     def drain(self) -> None:
         """Handle every frame received."""

@@ -70,6 +70,8 @@ class Drive(SerialDrive[Options]):
         counts, gear = float(options.counts_per_revolution), options.gear_ratio
         self._left = WheelScale.of(counts, gear, options.left_inverted)
         self._right = WheelScale.of(counts, gear, options.right_inverted)
+        self._left_ticks = self._left.units_per_rad / options.pid_rate_hz
+        self._right_ticks = self._right.units_per_rad / options.pid_rate_hz
         self._odometers = (Odometer(self._left, 32), Odometer(self._right, 32))
         self._history: deque[tuple[int, float, float]] = deque()
         self._last: tuple[int, int] | None = None
@@ -93,9 +95,8 @@ class Drive(SerialDrive[Options]):
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         if not self.active:
             speeds = STANDSTILL
-        rate = float(self.options.pid_rate_hz)
-        left, right = self._left.to_device(speeds.left_radps), self._right.to_device(speeds.right_radps)
-        left, right = saturate(left / rate, right / rate, float(codec.MAX_TICKS))
+        left, right = speeds
+        left, right = saturate(left * self._left_ticks, right * self._right_ticks, codec.MAX_TICKS)
         self.line.send(codec.motor_speeds(round(left), round(right)))
 
     def poll(self, now_ns: int) -> None:

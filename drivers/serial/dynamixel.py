@@ -45,6 +45,9 @@ def check(options: Options, path: str) -> list[Fault]:
     return pair_faults(options.left, options.right, path)
 
 
+_MOTION = struct.Struct("<ii")
+
+
 class _Servo:
     """One wheel's servo and what it last said."""
 
@@ -114,7 +117,8 @@ class Drive(SerialDrive[Options]):
         if not self.active:
             speeds = STANDSTILL
         left, right = self._servos
-        goals = round(left.goal.to_device(speeds.left_radps)), round(right.goal.to_device(speeds.right_radps))
+        left_radps, right_radps = speeds
+        goals = round(left_radps * left.goal.units_per_rad), round(right_radps * right.goal.units_per_rad)
         self.line.send(self._goals.packet(*goals))
 
     def poll(self, now_ns: int) -> None:
@@ -122,9 +126,10 @@ class Drive(SerialDrive[Options]):
         request = self._request
         if self._polls % self.VOLTAGE_EVERY == 1:
             request += codec.read(self._servos[0].device, INPUT_VOLTAGE, 2)
-        alarmed = next((servo for servo in self._servos if servo.alert and not servo.hardware_error), None)
-        if alarmed is not None:
-            request += codec.read(alarmed.device, HARDWARE_ERROR, 1)
+        for servo in self._servos:
+            if servo.alert and not servo.hardware_error:
+                request += codec.read(servo.device, HARDWARE_ERROR, 1)
+                break
         self.line.send(request)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
@@ -134,12 +139,13 @@ class Drive(SerialDrive[Options]):
         if not (left.fresh and right.fresh):
             return None
         left.fresh = right.fresh = False
+        alert = left.alert or right.alert
         return self.feedback(
             now_ns,
             (left.radps, left.odometer.angle_rad),
             (right.radps, right.odometer.angle_rad),
-            enabled=not (left.alert or right.alert),
-            faults=tuple(name for servo in self._servos for name in _faults(servo)),
+            enabled=not alert,
+            faults=_faults(left) + _faults(right) if alert else (),
         )
 
     def deactivate(self, now_ns: int) -> None:
@@ -200,7 +206,7 @@ class Drive(SerialDrive[Options]):
         if error:
             self.line.counters["refused_" + codec.ERROR_NAMES.get(error, str(error)).replace(" ", "_")] += 1
         elif len(status.data) == 8:
-            velocity, position = struct.unpack("<ii", status.data)
+            velocity, position = _MOTION.unpack(status.data)
             radps = servo.goal.to_wheel(velocity)
             if abs(radps) > MAX_RADPS:
                 self.line.counters["implausible_speed"] += 1

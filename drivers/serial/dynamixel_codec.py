@@ -6,6 +6,7 @@ little-endian; length counts everything after itself; the CRC (poly 0x8005, star
 reflected) covers the whole packet. Within instruction and parameters FF FF FD becomes FF FF FD FD.
 """
 
+import functools
 import struct
 from collections import Counter
 from collections.abc import Sequence
@@ -39,6 +40,11 @@ def crc16(data: bytes, value: int = 0) -> int:
     for byte in data:
         value = (value << 8 & 0xFF00) ^ _TABLE[value >> 8 ^ byte]
     return value
+
+
+_crc_of_head = functools.lru_cache(maxsize=64)(crc16)
+"""What comes before the data is the same in every reply."""
+HEAD_BYTES = 9
 
 
 def packet(device: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -80,7 +86,7 @@ class GoalWriter:
         """Both values."""
         first, second = self._devices
         tail = self._pack(first, left, second, right)
-        if b"\xff\xff" in tail:
+        if b"\xff\xff\xfd" in tail:
             values = [(first, tail[1:5]), (second, tail[6:])]
             return sync_write(self._address, 4, values)
         return self._head + tail + crc16(tail, self._crc).to_bytes(2, "little")
@@ -110,11 +116,14 @@ class PacketReader:
         while True:
             start = self._buffer.find(HEADER)
             if start < 0:
+                if not self._buffer:
+                    return packets
                 kept = self._buffer[-3:]
                 tail = next((kept[i:] for i in range(len(kept)) if HEADER.startswith(kept[i:])), b"")
                 self._drop(len(self._buffer) - len(tail))
                 return packets
-            self._drop(start)
+            if start:
+                self._drop(start)
             if len(self._buffer) < 7:
                 return packets
             length = int.from_bytes(self._buffer[5:7], "little")
@@ -124,15 +133,15 @@ class PacketReader:
                 continue
             if len(self._buffer) < 7 + length:
                 return packets
-            whole = self._buffer[: 7 + length]
-            if crc16(whole[:-2]) != int.from_bytes(whole[-2:], "little"):
+            whole, crc = self._buffer[: 5 + length], self._buffer[5 + length : 7 + length]
+            body = whole[HEAD_BYTES:]
+            if crc16(body, _crc_of_head(whole[:HEAD_BYTES])) != crc[0] | crc[1] << 8:
                 self.counters["bad_crc"] += 1
                 self._buffer = self._buffer[4:]
                 continue
             self._buffer = self._buffer[7 + length :]
             if whole[7] == STATUS:
-                body = whole[9:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
-                packets.append(Status(whole[4], whole[8], body))
+                packets.append(Status(whole[4], whole[8], body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")))
             else:
                 self.counters["not_status"] += 1
 

@@ -15,7 +15,8 @@ class Line(DeviceLine[BytePort]):
             sent = self.port.send(data)
         except OSError as error:
             raise self.dead("send", error) from error
-        self.note(sent)
+        if not sent or self.dropped_in_a_row:
+            self.note(sent)
         return sent
 
     def receive(self) -> bytes:

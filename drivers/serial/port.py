@@ -18,6 +18,7 @@ class SerialPort:
         self.name = path
         self._baud = baud
         self._line: serial.Serial | None = None
+        self._fd = -1
 
     def open(self) -> None:
         self.close()
@@ -36,37 +37,37 @@ class SerialPort:
         except (OSError, termios.error) as error:
             line.close()
             raise OSError(str(error)) from error
-        self._line = line
+        self._line, self._fd = line, line.fd
 
     def close(self) -> None:
-        line, self._line = self._line, None
+        line, self._line, self._fd = self._line, None, -1
         if line is not None:
             with contextlib.suppress(OSError, termios.error):
                 line.close()
 
     def fileno(self) -> int | None:
-        return None if self._line is None else self._line.fd
+        return None if self._fd < 0 else self._fd
 
     def now_ns(self) -> int:
         return time.monotonic_ns()
 
     def wait(self, timeout_s: float) -> None:
-        if self._line is not None:
-            select.select([self._line.fd], [], [], timeout_s)
+        if self._fd >= 0:
+            select.select([self._fd], [], [], timeout_s)
 
     def send(self, data: bytes) -> bool:
-        if self._line is None:
+        if self._fd < 0:
             raise OSError("the port is closed")
         try:
-            return os.write(self._line.fd, data) == len(data)
+            return os.write(self._fd, data) == len(data)
         except BlockingIOError:
             return False
 
     def receive(self) -> bytes:
-        if self._line is None:
+        if self._fd < 0:
             raise OSError("the port is closed")
         try:
-            data = os.read(self._line.fd, CHUNK_BYTES)
+            data = os.read(self._fd, CHUNK_BYTES)
         except BlockingIOError:
             return b""
         if not data:

@@ -23,6 +23,7 @@ __all__ = ["Drive", "Options", "check", "open_port"]
 Channel = Annotated[int, Meta(ge=1, le=2, description="motor output: 1 for M1, 2 for M2")]
 
 SPEED_LIMIT_QPPS = (1 << 31) - 1
+MOTION = (codec.GET_ENCODERS, codec.GET_SPEEDS)
 
 
 class Options(SerialOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -68,6 +69,10 @@ class Drive(SerialDrive[Options]):
         self._speed: tuple[float, float] | None = None
         self._faults: tuple[str, ...] = ()
         self._polls = 0
+        self._requests = tuple(
+            (commands, b"".join(codec.read_packet(options.address, command) for command in commands))
+            for commands in (MOTION, (*MOTION, codec.GET_STATUS), (*MOTION, codec.GET_MAIN_BATTERY))
+        )
         self._acked_ns = 0
         """When a setpoint was last acknowledged."""
 
@@ -103,11 +108,11 @@ class Drive(SerialDrive[Options]):
         if not self.active:
             self._release(now_ns)
             return
-        left = speeds.left_radps * self._left.units_per_rad
-        right = speeds.right_radps * self._right.units_per_rad
-        left, right = saturate(left, right, SPEED_LIMIT_QPPS)
+        left, right = speeds
+        left, right = saturate(left * self._left.units_per_rad, right * self._right.units_per_rad, SPEED_LIMIT_QPPS)
         m1, m2 = (right, left) if self._swapped else (left, right)
-        self._send(codec.speed_both(self.options.address, round(m1), round(m2)), (codec.SPEED_BOTH,), now_ns)
+        if self.line.send(codec.speed_both(self.options.address, round(m1), round(m2))):
+            self._replies.expect(codec.SPEED_BOTH, now_ns)
 
     def poll(self, now_ns: int) -> None:
         """Ask for telemetry; not while setpoints go unacknowledged, for a read feeds the time-out as well
@@ -116,17 +121,13 @@ class Drive(SerialDrive[Options]):
         if deaf or self._replies.quiet(now_ns) or self._replies.waiting > 4:
             return
         self._polls += 1
-        commands = [codec.GET_ENCODERS, codec.GET_SPEEDS]
-        if self._polls % self.STATUS_EVERY == 1:
-            commands.append(codec.GET_STATUS)
-        elif self._polls % self.BATTERY_EVERY == 2:
-            commands.append(codec.GET_MAIN_BATTERY)
-        address = self.options.address
-        self._send(b"".join([codec.read_packet(address, command) for command in commands]), commands, now_ns)
+        which = 1 if self._polls % self.STATUS_EVERY == 1 else 2 if self._polls % self.BATTERY_EVERY == 2 else 0
+        commands, packets = self._requests[which]
+        self._send(packets, commands, now_ns)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
-        for reply in self._receive(now_ns):
-            self._take(reply, now_ns)
+        for command, data in self._replies.feed(self.line.receive(), now_ns):
+            self._take(command, data, now_ns)
         if self._position is None or self._speed is None:
             return None
         (left_rad, right_rad), (left_radps, right_radps) = self._position, self._speed
@@ -183,7 +184,7 @@ class Drive(SerialDrive[Options]):
     def _release(self, now_ns: int) -> None:
         self._send(codec.duty_both(self.options.address, 0, 0), (codec.DUTY_BOTH,), now_ns)
 
-    def _send(self, packet: bytes, commands: "tuple[int, ...] | list[int]", now_ns: int) -> None:
+    def _send(self, packet: bytes, commands: tuple[int, ...], now_ns: int) -> None:
         if self.line.send(packet):
             for command in commands:
                 self._replies.expect(command, now_ns)
@@ -191,23 +192,23 @@ class Drive(SerialDrive[Options]):
     def _receive(self, now_ns: int) -> list[codec.Reply]:
         return self._replies.feed(self.line.receive(), now_ns)
 
-    def _take(self, reply: codec.Reply, now_ns: int) -> None:
-        if reply.command == codec.SPEED_BOTH:
+    def _take(self, command: int, data: bytes, now_ns: int) -> None:
+        if command == codec.SPEED_BOTH:
             self._acked_ns = now_ns
-        elif reply.command == codec.GET_ENCODERS:
-            left, right = self._rims(codec.decode_encoders(reply.data))
+        elif command == codec.GET_ENCODERS:
+            left, right = self._rims(codec.decode_encoders(data))
             self._position = (self._left_odometer.update(left), self._right_odometer.update(right))
-        elif reply.command == codec.GET_SPEEDS:
-            left, right = self._rims(codec.decode_speeds(reply.data))
-            speed = (self._left.to_wheel(left), self._right.to_wheel(right))
-            if max(abs(speed[0]), abs(speed[1])) > MAX_RADPS:
-                self.line.counters["implausible_speed"] += 1
+        elif command == codec.GET_SPEEDS:
+            left, right = self._rims(codec.decode_speeds(data))
+            left_radps, right_radps = left / self._left.units_per_rad, right / self._right.units_per_rad
+            if -MAX_RADPS <= left_radps <= MAX_RADPS and -MAX_RADPS <= right_radps <= MAX_RADPS:
+                self._speed = left_radps, right_radps
             else:
-                self._speed = speed
-        elif reply.command == codec.GET_STATUS:
-            self._faults = codec.decode_status(reply.data)
-        elif reply.command == codec.GET_MAIN_BATTERY:
-            volts = codec.decode_battery(reply.data)
+                self.line.counters["implausible_speed"] += 1
+        elif command == codec.GET_STATUS:
+            self._faults = codec.decode_status(data)
+        elif command == codec.GET_MAIN_BATTERY:
+            volts = codec.decode_battery(data)
             if volts <= 100.0:
                 self.bus_v = volts
 

@@ -119,11 +119,6 @@ class Reply(NamedTuple):
     data: bytes
 
 
-class _Pending(NamedTuple):
-    command: int
-    sent_ns: int
-
-
 class Replies:
     """Pairs the byte stream with the commands sent, in order.
 
@@ -136,8 +131,10 @@ class Replies:
 
     def __init__(self, address: int) -> None:
         self.counters: Counter[str] = Counter()
-        self._address = address
-        self._pending: deque[_Pending] = deque()
+        self._seeds = {command: crc_hqx(bytes((address, command)), 0) for command in (GET_VERSION, *REPLY_BYTES)}
+        """CRC of what a reply's CRC covers besides its data."""
+        self._pending: deque[tuple[int, int]] = deque()
+        """Commands, and when each was sent."""
         self._buffer = b""
         self._quiet_until_ns = 0
         self._late_acks = 0
@@ -153,28 +150,30 @@ class Replies:
 
     def expect(self, command: int, now_ns: int) -> None:
         """A packet was sent; commands without an entry in ``REPLY_BYTES`` are acknowledged writes."""
-        if not self.quiet(now_ns):
-            self._pending.append(_Pending(command, now_ns))
+        if now_ns >= self._quiet_until_ns:
+            self._pending.append((command, now_ns))
         elif command != GET_VERSION and command not in REPLY_BYTES:
             self._late_acks = min(self._late_acks + 1, 8)
 
     def feed(self, data: bytes, now_ns: int) -> list[Reply]:
         """Replies completed by ``data``."""
-        if self.quiet(now_ns):
+        if now_ns < self._quiet_until_ns:
             self.counters["discarded_bytes"] += len(data)
             return []
         self._buffer += data
         replies: list[Reply] = []
-        while self._pending and self._buffer:
-            reply = self._next(self._pending[0].command, now_ns)
+        pending = self._pending
+        while pending and self._buffer:
+            reply = self._next(pending[0][0], now_ns)
             if reply is None:
                 break
-            self._pending.popleft()
+            pending.popleft()
             replies.append(reply)
-        if self._buffer and not self._pending:
-            self.counters["stray_bytes"] += len(self._buffer)
-            self._buffer = b""
-        if self._pending and now_ns - self._pending[0].sent_ns > self.REPLY_NS:
+        if not pending:
+            if self._buffer:
+                self.counters["stray_bytes"] += len(self._buffer)
+                self._buffer = b""
+        elif now_ns - pending[0][1] > self.REPLY_NS:
             self._resynchronise("no_reply", now_ns)
         return replies
 
@@ -186,21 +185,21 @@ class Replies:
         self._late_acks = 0
 
     def _next(self, command: int, now_ns: int) -> Reply | None:
+        buffer = self._buffer
+        length = REPLY_BYTES.get(command, 0)
         if command == GET_VERSION:
-            end = self._buffer.find(0, 0, MAX_VERSION)
+            end = buffer.find(0, 0, MAX_VERSION)
             length = end + 1 if end >= 0 else MAX_VERSION
-        elif command in REPLY_BYTES:
-            length = REPLY_BYTES[command]
-        else:
+        elif not length:
             return self._ack(command, now_ns)
-        if len(self._buffer) < length + 2:
+        if len(buffer) < length + 2:
             return None
-        data, (crc,) = self._buffer[:length], _CRC.unpack_from(self._buffer, length)
-        if crc_hqx(data, crc_hqx(bytes((self._address, command)), 0)) == crc:
-            self._buffer = self._buffer[length + 2 :]
+        data = buffer[:length]
+        if crc_hqx(data, self._seeds[command]) == buffer[length] << 8 | buffer[length + 1]:
+            self._buffer = buffer[length + 2 :]
             self._late_acks = 0
             return Reply(command, data)
-        if self._late_acks and self._buffer[0] == ACK:
+        if self._late_acks and buffer[0] == ACK:
             self._late_acks -= 1
             self._buffer = self._buffer[1:]
             self.counters["late_ack"] += 1

@@ -27,6 +27,8 @@ FAULTS = {
 }
 """``mc_fault_code`` of ``datatypes.h``."""
 
+_VALUE = struct.Struct(">i")
+_TAIL = struct.Struct(">HB")
 _VALUES = struct.Struct(">BIihiBB")
 
 
@@ -44,15 +46,21 @@ def packet(payload: bytes) -> bytes:
     """The shortest form that holds the payload."""
     length = len(payload)
     head = bytes((2, length)) if length < 256 else struct.pack(">BH", 3, length)
-    return head + payload + struct.pack(">HB", crc_hqx(payload, 0), 3)
+    return head + payload + _TAIL.pack(crc_hqx(payload, 0), 3)
 
 
-def command(number: int, value: int, forward_to: int | None = None) -> bytes:
-    """A command with one i32, for the VESC on the line or one behind it.
+class Command:
+    """A command with one i32, for the VESC on the line or one behind it; what never changes is checksummed once."""
 
-    :param value: electrical rpm for ``SET_RPM``, mA for ``SET_CURRENT`` and ``SET_BRAKE``.
-    """
-    return packet(_forwarded(struct.pack(">Bi", number, value), forward_to))
+    def __init__(self, number: int, forward_to: int | None = None) -> None:
+        constant = _forwarded(bytes((number,)), forward_to)
+        self._head = bytes((2, len(constant) + 4)) + constant
+        self._crc = crc_hqx(constant, 0)
+
+    def packet(self, value: int) -> bytes:
+        """:param value: electrical rpm for ``SET_RPM``, mA for ``SET_CURRENT`` and ``SET_BRAKE``."""
+        body = _VALUE.pack(value)
+        return self._head + body + _TAIL.pack(crc_hqx(body, self._crc), 3)
 
 
 def ask_values(forward_to: int | None = None) -> bytes:
@@ -86,30 +94,32 @@ class PacketReader:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        self._buffer += data
+        buffer = self._buffer + data
         payloads: list[bytes] = []
-        while self._buffer:
-            start = self._buffer[0]
-            if start not in (2, 3):
-                self._skip("stray_bytes")
+        at, size = 0, len(buffer)
+        while at < size:
+            head = buffer[at]
+            if head not in (2, 3):
+                self.counters["stray_bytes"] += 1
+                at += 1
                 continue
-            head = start
-            if len(self._buffer) < head:
+            body = at + head
+            if size < body:
                 break
-            length = int.from_bytes(self._buffer[1:head], "big")
-            if not 0 < length <= MAX_PAYLOAD or (start == 3 and length < 256):
-                self._skip("bad_length")
+            length = buffer[at + 1] if head == 2 else buffer[at + 1] << 8 | buffer[at + 2]
+            if not 0 < length <= MAX_PAYLOAD or (head == 3 and length < 256):
+                self.counters["bad_length"] += 1
+                at += 1
                 continue
-            if len(self._buffer) < head + length + 3:
+            end = body + length
+            if size < end + 3:
                 break
-            payload, tail = self._buffer[head : head + length], self._buffer[head + length : head + length + 3]
-            if tail != struct.pack(">HB", crc_hqx(payload, 0), 3):
-                self._skip("bad_crc")
+            payload = buffer[body:end]
+            if buffer[end : end + 3] != _TAIL.pack(crc_hqx(payload, 0), 3):
+                self.counters["bad_crc"] += 1
+                at += 1
                 continue
-            self._buffer = self._buffer[head + length + 3 :]
+            at = end + 3
             payloads.append(payload)
+        self._buffer = buffer[at:]
         return payloads
-
-    def _skip(self, counter: str) -> None:
-        self.counters[counter] += 1
-        self._buffer = self._buffer[1:]

@@ -5,6 +5,7 @@ Tool. Telemetry is asked for in every control step; it carries the fault code, w
 on the CAN bus do not.
 """
 
+from collections import Counter
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -41,6 +42,27 @@ def check(options: Options, path: str) -> list[Fault]:
     return pair_faults(options.left, options.right, path) + undeclared(options.watchdog_s, path, WATCHDOG_TEXT)
 
 
+class _Setpoints:
+    """What one wheel's VESC may be told."""
+
+    def __init__(self, motor: WheelMotor, via: int | None, options: Options, counters: Counter[str]) -> None:
+        self._motor = motor
+        self._min_erpm = options.min_erpm
+        self._counters = counters
+        self._speed = codec.Command(codec.SET_RPM, via)
+        self._brake = codec.Command(codec.SET_BRAKE, via).packet(round(options.brake_a * 1000.0))
+        self.release = codec.Command(codec.SET_CURRENT, via).packet(0)
+
+    def packet(self, radps: float) -> bytes:
+        """Below ``min_erpm`` the controller would apply no current: a brake current holds the wheel."""
+        erpm = rounded_erpm(self._motor, radps, self._min_erpm)
+        if erpm is not None:
+            return self._speed.packet(erpm)
+        if radps != 0.0:
+            self._counters["below_min_erpm"] += 1
+        return self._brake
+
+
 class Drive(SerialDrive[Options]):
     """:class:`drivers.base.DiffDrive` for two VESCs on one line."""
 
@@ -53,6 +75,9 @@ class Drive(SerialDrive[Options]):
         self._motors = (
             motor_of("left", options.left, options.pole_pairs, options.gear_ratio, options.left_inverted),
             motor_of("right", options.right, options.pole_pairs, options.gear_ratio, options.right_inverted),
+        )
+        self._setpoints = tuple(
+            _Setpoints(motor, self._via(motor), options, self.line.counters) for motor in self._motors
         )
         self._by_id = {motor.device: motor for motor in self._motors}
         self._codes = {motor.device: 0 for motor in self._motors}
@@ -88,7 +113,12 @@ class Drive(SerialDrive[Options]):
         self.write(STANDSTILL, now_ns)
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        self.line.send(b"".join([self._setpoint(*pair) for pair in zip(self._motors, speeds, strict=True)]))
+        left, right = self._setpoints
+        if self.active:
+            left_radps, right_radps = speeds
+            self.line.send(left.packet(left_radps) + right.packet(right_radps))
+        else:
+            self.line.send(left.release + right.release)
 
     def poll(self, now_ns: int) -> None:
         self.line.send(self._request)
@@ -98,16 +128,13 @@ class Drive(SerialDrive[Options]):
         left, right = self._motors
         if left.radps is None or right.radps is None:
             return None
+        faulty = any(self._codes.values())
         sample = self.feedback(
             now_ns,
             (left.radps, left.odometer.angle_rad),
             (right.radps, right.odometer.angle_rad),
-            enabled=not any(self._codes.values()),
-            faults=tuple(
-                f"{motor.name} {codec.FAULTS.get(code, f'fault {code}')}"
-                for motor in self._motors
-                if (code := self._codes[motor.device])
-            ),
+            enabled=not faulty,
+            faults=self._faults() if faulty else (),
         )
         left.radps = right.radps = None
         return sample
@@ -115,15 +142,12 @@ class Drive(SerialDrive[Options]):
     def _via(self, motor: WheelMotor) -> int | None:
         return None if motor.name == self.options.local else motor.device
 
-    def _setpoint(self, motor: WheelMotor, radps: float) -> bytes:
-        if not self.active:
-            return codec.command(codec.SET_CURRENT, 0, self._via(motor))
-        erpm = rounded_erpm(motor, radps, self.options.min_erpm)
-        if erpm is not None:
-            return codec.command(codec.SET_RPM, erpm, self._via(motor))
-        if radps != 0.0:
-            self.line.counters["below_min_erpm"] += 1
-        return codec.command(codec.SET_BRAKE, round(self.options.brake_a * 1000.0), self._via(motor))
+    def _faults(self) -> tuple[str, ...]:
+        return tuple(
+            f"{motor.name} {codec.FAULTS.get(code, f'fault {code}')}"
+            for motor in self._motors
+            if (code := self._codes[motor.device])
+        )
 
     def _take_all(self, data: bytes) -> None:
         for payload in self._reader.feed(data):

@@ -14,9 +14,9 @@ REPLY = bytes.fromhex("32 0002a180 fffff448 00f0 fffffffa 00 0b")
 @pytest.mark.parametrize(
     ("data", "golden"),
     [
-        (codec.command(codec.SET_RPM, 3000), "02 05 08 00000bb8 f804 03"),
-        (codec.command(codec.SET_RPM, 3000)[2:-3], "08 00000bb8"),
-        (codec.command(codec.SET_BRAKE, 5000, forward_to=11)[:-3], "02 07 22 0b 07 00001388"),
+        (codec.Command(codec.SET_RPM).packet(3000), "02 05 08 00000bb8 f804 03"),
+        (codec.Command(codec.SET_RPM).packet(3000)[2:-3], "08 00000bb8"),
+        (codec.Command(codec.SET_BRAKE, forward_to=11).packet(5000)[:-3], "02 07 22 0b 07 00001388"),
         (codec.ask_values()[:-3], "02 05 32 0002a180"),
         (codec.ask_values(11)[:-3], "02 07 22 0b 32 0002a180"),
         (codec.packet(bytes(300))[:4], "03 012c 00"),
