@@ -17,12 +17,14 @@ import msgspec
 from msgspec import Meta, Struct
 
 from contract import overlay
+from contract.exposure import RESERVED, link_faults
 from contract.margins import margin_faults
 from contract.tables import Fault, join, nearest, read_table, show
 from contract.units import Point, Radians, RobotId
 
 Positive = Annotated[float, Meta(gt=0.0, le=1000.0)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
+Endpoint = Annotated[str, Meta(pattern="^(tcp|tls|quic)/.+:[0-9]+$")]
 SiteName = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
 Interval = tuple[Positive, Positive]
 
@@ -42,7 +44,12 @@ class Floor(Struct, frozen=True, forbid_unknown_fields=True):
 class Link(Struct, frozen=True, forbid_unknown_fields=True):
     """``[link]``: how the processes find each other."""
 
-    router: Annotated[str, Meta(pattern="^(tcp|tls|quic)/.+:[0-9]+$")] = "tcp/127.0.0.1:7447"
+    router: Endpoint = "tcp/127.0.0.1:7447"
+    """Where every process finds the router. Beyond loopback: quic/ or tls/, and ``keys``."""
+    listen: tuple[Endpoint, ...] = ()
+    """Where the router listens, if not at ``router``: such as ["quic/0.0.0.0:7447", "tls/0.0.0.0:7447"]."""
+    keys: str = ""
+    """Folder of certificates, beside the arena file (docs/network.md); with it the router is a process of its own."""
     insecure: bool = False
     """Allow a non-loopback router without certificates; every screen then says so."""
 
@@ -251,7 +258,7 @@ WheelCheck = Callable[[Mapping[str, Any], str], list[Fault]]
 
 
 def load(path: Path, wheel_check: WheelCheck | None = None) -> Arena:
-    """Read and check an arena file, its calibration (:mod:`contract.overlay`) laid over it.
+    """Read and check an arena file, its calibration (:mod:`contract.overlay`) laid over it, ``link.keys`` absolute.
 
     :raises ArenaError: unreadable, not TOML, or any fault in it; all faults are listed.
     """
@@ -261,7 +268,11 @@ def load(path: Path, wheel_check: WheelCheck | None = None) -> Arena:
         raise ArenaError(str(path), [Fault("file", str(path), error.strerror or str(error))]) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ArenaError(str(path), [Fault("file", str(path), f"not TOML: {error}")]) from None
-    return parse(table, str(path), wheel_check)
+    arena = parse(table, str(path), wheel_check)
+    if not arena.link.keys:
+        return arena
+    keys = str(path.absolute().parent / arena.link.keys)
+    return msgspec.structs.replace(arena, link=msgspec.structs.replace(arena.link, keys=keys))
 
 
 def parse(table: dict[str, Any], source: str, wheel_check: WheelCheck | None = None) -> Arena:
@@ -330,6 +341,7 @@ def _cross_checks(arena: Arena, faulty: set[str]) -> list[Fault]:
     A relation is left out while one of its sections is ``faulty`` in itself: it would be judged on defaults.
     """
     checks: list[tuple[set[str], Callable[[Arena], Iterator[Fault]]]] = [
+        ({"link", "robots"}, _link_checks),
         ({"control", "platform"}, _control_checks),
         ({"arena", "platform"}, _floor_checks),
         ({"arena", "control"}, _robot_checks),
@@ -356,6 +368,13 @@ def _control_checks(arena: Arena) -> Iterator[Fault]:
         low, high = getattr(control.field, name)
         if low > high:
             yield Fault(f"control.field.{name}", show([low, high]), "must be [low, high] with low <= high")
+
+
+def _link_checks(arena: Arena) -> Iterator[Fault]:
+    yield from link_faults(arena.link.router, arena.link.listen, arena.link.keys, arena.link.insecure)
+    if arena.link.keys:
+        for name in RESERVED & arena.robots.keys():
+            yield Fault(f"robots.{name}", "", "the name of another role's certificate; name the robot otherwise")
 
 
 def _floor_checks(arena: Arena) -> Iterator[Fault]:

@@ -1,10 +1,12 @@
 """How every process joins the network: Zenoh settings as text, and quality of service by channel.
 
-The star: the motion-capture bridge holds the only router session, all other sessions are clients
-that connect to ``arena.link.router``. This module opens nothing; a room applies it like this::
+The star: one router session, all other sessions are clients that connect to ``arena.link.router``. The
+motion-capture bridge holds the router where there are no keys, a process of its own where there are
+(``ahdc-groundstation router``). This module opens nothing; a room applies it like this::
 
     config = zenoh.Config()
-    for key, value in network.client_config(arena.link.router):
+    who = network.identity(arena.link.keys, "r06")
+    for key, value in network.client_config(arena.link.router, identity=who):
         config.insert_json5(key, value)
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
     try:                                    # else a Zenoh thread may swallow the signal
@@ -27,9 +29,14 @@ or a callback that only fills a slot and wakes a poll.
 """
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
+
+from contract.arena import ArenaError
+from contract.exposure import protocol_of
+from contract.tables import Fault
 
 RUNTIME = "(" + ", ".join(f"{pool}: (worker_threads: 1)" for pool in ("app", "acc", "tx", "rx", "net")) + ")"
 """One worker per Zenoh runtime: a third less run-queue delay when ten processes share two cores."""
@@ -38,6 +45,11 @@ LEASE_MS = 1000
 DROP_AFTER_US = 20_000
 CLOSE_AFTER_US = 500_000
 MAX_MESSAGE_BYTES = 1 << 20
+MAX_PENDING = 1000
+"""Connections that have not yet said who they are."""
+ACCEPT_TIMEOUT_MS = 2000
+"""After this they are dropped."""
+MAX_SESSIONS = 200
 
 
 class Qos(NamedTuple):
@@ -85,42 +97,104 @@ Nothing blocks: a frozen receiver must never delay a message to a healthy one.
 Settings = list[tuple[str, str]]
 """Arguments of ``zenoh.Config.insert_json5``, in order."""
 
+Rules = Mapping[str, object]
+"""Top-level sections of the router's configuration that limit who may say what (groundstation/access.py)."""
 
-def router_config(endpoint: str) -> Settings:
-    """Settings of the one router session, listening on ``endpoint`` such as ``tcp/127.0.0.1:7447``."""
+
+class Identity(NamedTuple):
+    """Paths of the PEM files with which a process proves who it is."""
+
+    authority: str
+    """Certificate of the site's own authority, who alone vouches for the others."""
+    certificate: str
+    private_key: str
+
+
+def identity(keys: str, name: str) -> Identity | None:
+    """The files of one holder (a robot's id or a role) in the folder ``keys``; None where the link has no keys.
+
+    :raises ArenaError: a file is missing or may not be read.
+    """
+    if not keys:
+        return None
+    found = Identity(f"{keys}/ca.pem", f"{keys}/{name}/certificate.pem", f"{keys}/{name}/private.key")
+    missing = [path for path in found if not os.access(path, os.R_OK)]
+    if missing:
+        remedy = f"missing or not readable; unpack {name}.tar beside the arena file (keys issue {name} makes it)"
+        raise ArenaError(keys, [Fault("link.keys", path, remedy) for path in missing])
+    return found
+
+
+def router_config(
+    endpoint: str, listen: Sequence[str] = (), identity: Identity | None = None, rules: Rules | None = None
+) -> Settings:
+    """Settings of the one router session.
+
+    :param endpoint: such as ``tcp/127.0.0.1:7447``; the router listens there unless ``listen`` names other places.
+    :param rules: who may say and hear what; everybody everything where None.
+    """
+    endpoints = listen or [endpoint]
+    secured = _listener_tls(identity) if identity else {}
     return [
         ("mode", '"router"'),
-        ("listen/endpoints", json.dumps([endpoint])),
+        ("listen/endpoints", json.dumps([_tuned(entry) for entry in endpoints])),
         ("connect/endpoints", "[]"),
         ("scouting/delay", "0"),
-        *_common(endpoint),
-        ("transport/unicast/accept_pending", "1000"),
-        ("transport/unicast/accept_timeout", "2000"),
-        ("transport/unicast/max_sessions", "200"),
+        *_common(endpoints, secured),
+        ("transport/unicast/accept_pending", str(MAX_PENDING)),
+        ("transport/unicast/accept_timeout", str(ACCEPT_TIMEOUT_MS)),
+        ("transport/unicast/max_sessions", str(MAX_SESSIONS)),
+        *([(key, json.dumps(value)) for key, value in rules.items()] if rules else []),
     ]
 
 
-def client_config(endpoint: str, connect_timeout_s: float = 10.0) -> Settings:
+def client_config(endpoint: str, connect_timeout_s: float = 10.0, identity: Identity | None = None) -> Settings:
     """Settings of a client session of the router at ``endpoint``.
 
     ``zenoh.open`` retries for ``connect_timeout_s`` and then raises; after that a lost router is
     found again by the session itself.
     """
+    secured = _connector_tls(identity) if identity else {}
     return [
         ("mode", '"client"'),
         ("listen/endpoints", "[]"),
-        ("connect/endpoints", json.dumps([endpoint])),
+        ("connect/endpoints", json.dumps([_tuned(endpoint)])),
         ("connect/timeout_ms", str(round(connect_timeout_s * 1000))),
         (
             "connect/retry",
             '{"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 1.5}',
         ),
-        *_common(endpoint),
+        *_common([endpoint], secured),
     ]
 
 
-def _common(endpoint: str) -> Settings:
-    protocol = endpoint.partition("/")[0]
+def _tuned(endpoint: str) -> str:
+    """QUIC carries best-effort messages as datagrams only where it is asked to."""
+    return f"{endpoint}?mixed_rel=1" if protocol_of(endpoint) == "quic" and "?" not in endpoint else endpoint
+
+
+def _listener_tls(identity: Identity) -> dict[str, object]:
+    return {
+        "root_ca_certificate": identity.authority,
+        "listen_certificate": identity.certificate,
+        "listen_private_key": identity.private_key,
+        "enable_mtls": True,
+        "close_link_on_expiration": True,
+    }
+
+
+def _connector_tls(identity: Identity) -> dict[str, object]:
+    return {
+        "root_ca_certificate": identity.authority,
+        "connect_certificate": identity.certificate,
+        "connect_private_key": identity.private_key,
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+
+
+def _common(endpoints: Sequence[str], tls: Mapping[str, object]) -> Settings:
     congestion = {
         "drop": {"wait_before_drop": DROP_AFTER_US},
         "block": {"wait_before_close": CLOSE_AFTER_US},
@@ -130,10 +204,11 @@ def _common(endpoint: str) -> Settings:
         ("scouting/gossip/enabled", "false"),
         ("adminspace/enabled", "false"),
         ("timestamping/enabled", "true"),
-        ("transport/link/protocols", json.dumps([protocol])),
+        ("transport/link/protocols", json.dumps(list(dict.fromkeys(map(protocol_of, endpoints))))),
         ("transport/link/tx/lease", str(LEASE_MS)),
         ("transport/link/tx/keep_alive", "4"),
         ("transport/link/tx/queue/congestion_control", json.dumps(congestion)),
         ("transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES)),
         ("transport/shared_memory/enabled", "false"),
+        *([("transport/link/tls", json.dumps(tls))] if tls else []),
     ]

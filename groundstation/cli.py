@@ -33,6 +33,8 @@ VERBS: dict[str, Verb] = {
     "experiment": Verb("groundstation.experiment", "run a file's trials, resumable, and aggregate them", "Try"),
     "faults": Verb("groundstation.faults", "inject every fault of the matrix in virtual time and judge", "Try"),
     "mock-arena": Verb("groundstation.mock_arena", "emulate wheels, bodies and motion capture of an arena", "Try"),
+    "keys": Verb("groundstation.keys", "certificates of a site on a network: init, issue, revoke, list", "Run"),
+    "router": Verb("groundstation.router", "the router of a site with keys: mutual TLS, rules for every robot", "Run"),
     "doctor": Verb("groundstation.doctor", "check the whole fleet before it gets power", "Run"),
     "arm": Verb("groundstation.orders", "let the robots' wheels be driven", "Run"),
     "start": Verb("groundstation.orders", "start the mission", "Run"),

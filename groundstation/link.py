@@ -1,14 +1,15 @@
 """The station's place on the network: one client session, a bounded queue in, publishers out."""
 
+import contextlib
 import os
 import select
 import signal
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from contract import network
-from contract.arena import Arena
+from contract.arena import Arena, ArenaError
 from contract.codec import WireError, decode, encode
 from contract.keys import Keys
 from contract.messages import Message
@@ -20,17 +21,33 @@ class LinkError(RuntimeError):
     """No router answers at the arena's endpoint."""
 
 
+def identity_of(keys: str, roles: Sequence[str]) -> network.Identity | None:
+    """The first of the roles that this computer has a certificate for; None where the link has no keys.
+
+    :raises contract.arena.ArenaError: it has none.
+    """
+    for role in roles[:-1]:
+        with contextlib.suppress(ArenaError):
+            return network.identity(keys, role)
+    return network.identity(keys, roles[-1])
+
+
 class Link:
     """A client session of the arena's router. Use it in a ``with`` block: a session left open hangs the exit.
 
+    :param roles: certificates to try, where the link has keys; an operator may only ask and listen.
+    :raises contract.arena.ArenaError: this computer has none of these certificates.
     :raises LinkError: on entering, if no router answers within ``timeout_s``.
     """
 
-    def __init__(self, arena: Arena, source: str, timeout_s: float = 10.0) -> None:
+    def __init__(
+        self, arena: Arena, source: str, timeout_s: float = 10.0, roles: Sequence[str] = ("station", "operator")
+    ) -> None:
         self.keys = Keys(arena.arena.name)
         self.refused = 0
         """Payloads that were not the message their key carries."""
         self._endpoint = arena.link.router
+        self._identity = identity_of(arena.link.keys, roles)
         self._source = source
         self._timeout_s = timeout_s
         self._queue: deque[tuple[str, bytes]] = deque(maxlen=QUEUE)
@@ -44,13 +61,16 @@ class Link:
         import zenoh
 
         config = zenoh.Config()
-        for key, value in network.client_config(self._endpoint, self._timeout_s):
+        for key, value in network.client_config(self._endpoint, self._timeout_s, self._identity):
             config.insert_json5(key, value)
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            raise LinkError(f"no router answers at {self._endpoint} ({error}); start the mocap bridge") from None
+            remedy = "start the mocap bridge"
+            if self._identity is not None:
+                remedy = "start the router, and see by keys list whether this certificate counts"
+            raise LinkError(f"no router answers at {self._endpoint} ({error}); {remedy}") from None
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)

@@ -162,7 +162,7 @@ def run(args: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return 2
     try:
-        with Link(arena, "mock-arena") as link:
+        with Link(arena, "mock-arena", roles=("mock",)) as link:
             mock = MockArena(arena, link, args.arena.parent / FAULTS_FILE)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: mock.end())

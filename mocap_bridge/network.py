@@ -1,4 +1,4 @@
-"""The bridge's Zenoh session: the router of the network when its address is this host's."""
+"""The bridge's Zenoh session: without keys the router of the network when its address is this host's."""
 
 import os
 import signal
@@ -23,12 +23,15 @@ def is_local(endpoint: str) -> bool:
     return True
 
 
-def open_session(endpoint: str) -> zenoh.Session:
-    """The router session, or a client session of the router at ``endpoint``.
+def open_session(endpoint: str, identity: network.Identity | None = None) -> zenoh.Session:
+    """The router session, or a client session of the router at ``endpoint``; with an identity always a client.
 
     :raises zenoh.ZError: the address is taken, or no router answers.
     """
-    settings = network.router_config(endpoint) if is_local(endpoint) else network.client_config(endpoint)
+    if identity is None and is_local(endpoint):
+        settings = network.router_config(endpoint)
+    else:
+        settings = network.client_config(endpoint, identity=identity)
     config = zenoh.Config()
     for key, value in settings:
         config.insert_json5(key, value)

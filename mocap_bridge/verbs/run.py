@@ -1,6 +1,6 @@
 """Connect to the motion-capture system of the arena file and publish every frame.
 
-Opens the network's router first (when link.router is this host) and prints "READY mocap_bridge";
+Opens the network's router first (when link.router is this host and has no keys) and prints "READY mocap_bridge";
 the motion-capture system may appear later, vanish and come back.
 """
 
@@ -9,7 +9,9 @@ import signal
 import sys
 from pathlib import Path
 
+from contract import network
 from contract.arena import ArenaError, load
+from contract.exposure import exposure
 from mocap_bridge.sources.choose import SourceError, open_source
 
 
@@ -27,6 +29,7 @@ def run(options: argparse.Namespace) -> int:
         signal.signal(number, lambda received, _: stop.append(received))
     try:
         arena = load(options.arena)
+        identity = network.identity(arena.link.keys, "bridge")
         source = open_source(arena)
     except (ArenaError, SourceError) as error:
         print(error, file=sys.stderr)
@@ -37,10 +40,13 @@ def run(options: argparse.Namespace) -> int:
     from mocap_bridge.network import open_session
     from mocap_bridge.sources.external import ExternalSource
 
+    if words := exposure((arena.link.router, *arena.link.listen), arena.link.keys):
+        print(words, file=sys.stderr, flush=True)
     try:
-        session = open_session(arena.link.router)
+        session = open_session(arena.link.router, identity)
     except zenoh.ZError as error:
-        print(f"link.router = {arena.link.router}: {error}", file=sys.stderr)
+        hint = "; does a router run, and does it take this certificate?" if identity else ""
+        print(f"link.router = {arena.link.router}: {error}{hint}", file=sys.stderr)
         source.close()
         return 1
     with session:

@@ -69,6 +69,7 @@ SHELLS = (
     "groundstation/recording.py",
     "groundstation/recover.py",
     "groundstation/rig.py",
+    "groundstation/router.py",
     "groundstation/runwriter.py",
     "groundstation/simulate.py",
     "groundstation/stage_robots.py",

@@ -1,0 +1,121 @@
+"""``router``: the router of a secured site: mutual TLS, and rules for every holder of a certificate.
+
+A process of its own, so that it can be renewed while the site runs: when the arena file, the register or its own
+certificate changes, the session is opened anew with rules made afresh. Robots hold for the moment and go on.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from contract import network
+from contract.arena import Arena, ArenaError, load
+from groundstation import access
+from groundstation.keyring import REGISTER, Keyring, KeysError
+
+LOOK_S = 0.5
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file with link.keys")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Until SIGTERM or Ctrl-C; exit code 1 where the address is taken, 2 for bad input."""
+    stop: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda received, _: stop.append(received))
+    arena = load(args.arena)
+    if not arena.link.keys:
+        print("without link.keys the mocap bridge is the router; nothing to do here", file=sys.stderr)
+        return 2
+    os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
+    import zenoh
+
+    seen = fingerprint(args.arena, arena)
+    try:
+        session = opened(settings_of(arena))
+    except (KeysError, zenoh.ZError) as error:
+        print(f"router at {listening(arena)}: {error}", file=sys.stderr)
+        return 1
+    print(f"READY router {listening(arena)}", flush=True)
+    try:
+        while not stop:
+            time.sleep(LOOK_S)
+            found = fingerprint(args.arena, arena)
+            if found == seen:
+                continue
+            seen = found
+            try:
+                fresh = load(args.arena)
+                settings = settings_of(fresh)
+            except (ArenaError, KeysError) as error:
+                print(f"the old rules stay: {error}", file=sys.stderr, flush=True)
+                continue
+            session.close()
+            arena, session = fresh, opened(settings)
+            print(f"renewed for {', '.join(counted(arena))}", flush=True)
+    except zenoh.ZError as error:
+        print(f"router at {listening(arena)}: {error}", file=sys.stderr)
+        return 1
+    finally:
+        session.close()
+    return 0
+
+
+def listening(arena: Arena) -> str:
+    """Where the router of an arena listens."""
+    return ", ".join(arena.link.listen or (arena.link.router,))
+
+
+def counted(arena: Arena) -> dict[str, str]:
+    """Robot or role to the common name that counts.
+
+    :raises groundstation.keyring.KeysError: no register.
+    """
+    return Keyring(Path(arena.link.keys)).register().common_names()
+
+
+def fingerprint(path: Path, arena: Arena) -> tuple[tuple[int, int], ...]:
+    """Changes whenever a file changes that the router was configured from."""
+    keys = Path(arena.link.keys)
+    found = []
+    for part in (path, keys / REGISTER, keys / "ca.pem", keys / "router" / "certificate.pem"):
+        try:
+            status = part.stat()
+            found.append((status.st_mtime_ns, status.st_ino))
+        except OSError:
+            found.append((0, 0))
+    return tuple(found)
+
+
+def settings_of(arena: Arena) -> network.Settings:
+    """Zenoh settings of the router, its rules made from arena file and register.
+
+    :raises contract.arena.ArenaError: no certificate of the router.
+    :raises groundstation.keyring.KeysError: no register.
+    """
+    identity = network.identity(arena.link.keys, "router")
+    rules = access.rules(arena, counted(arena))
+    return network.router_config(arena.link.router, arena.link.listen, identity, rules)
+
+
+def opened(settings: network.Settings) -> Any:
+    """A session of these settings.
+
+    :raises zenoh.ZError: an address is taken, or a certificate of no use.
+    """
+    import zenoh
+
+    config = zenoh.Config()
+    for key, value in settings:
+        config.insert_json5(key, value)
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+    try:
+        return zenoh.open(config)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
