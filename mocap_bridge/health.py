@@ -128,6 +128,8 @@ def _body(track: Track, status: SourceStatus) -> BodyHealth:
     reason = track.reason
     if reason == "missing" and track.body in status.duplicate_names:
         reason = "duplicate_name"
+    elif reason == "missing" and track.body in status.duplicate_ids:
+        reason = "duplicate_id"
     elif reason == "missing" and status.names and track.body not in status.names:
         reason = "not_in_model_list"
     return BodyHealth(robot=track.robot, valid=not track.reason, reason=reason, faults=dict(track.faults))
@@ -136,6 +138,7 @@ def _body(track: Track, status: SourceStatus) -> BodyHealth:
 BODY_REASONS = {
     **REASONS,
     "duplicate_name": "more than one body of the source has this name",
+    "duplicate_id": "another body of the source has the same streaming id",
     "not_in_model_list": "the source has no body of this name",
 }
 """Reasons that :attr:`contract.messages.BodyHealth.reason` can have."""

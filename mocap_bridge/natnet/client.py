@@ -5,11 +5,12 @@ silence leads back to searching, a version without a known layout to refused.
 """
 
 from collections import Counter, deque
-from typing import Literal, NamedTuple
+from typing import Literal
 
-from mocap_bridge.natnet import handshake, modeldef, version
-from mocap_bridge.natnet.clock import ArrivalClock, EchoClock
-from mocap_bridge.natnet.frame import MODELS_CHANGED, Frame, decode_frame
+from mocap_bridge.natnet import handshake, version
+from mocap_bridge.natnet.frame import MODELS_CHANGED, decode_frame
+from mocap_bridge.natnet.modelnames import ModelNames, names_of, read_models
+from mocap_bridge.natnet.stamps import Stamped, Stamper
 from mocap_bridge.natnet.version import Layout, Version
 from mocap_bridge.natnet.wire import Malformed, MessageId, Packet, open_packet, packet
 
@@ -21,8 +22,6 @@ KEEPALIVE_NS = 1_000 * MILLISECOND
 ECHO_NS = 250 * MILLISECOND
 FIRST_ECHO_NS = 20 * MILLISECOND
 FIRST_ECHOES = 8
-ECHO_PATIENCE_NS = 1_000 * MILLISECOND
-"""After this without an answer, stamps are taken from arrivals."""
 MODELS_RETRY_NS = 1_000 * MILLISECOND
 COMMAND_PATIENCE_NS = 500 * MILLISECOND
 RECONNECT_NS = 1_000 * MILLISECOND
@@ -31,16 +30,6 @@ LAYOUT_DOUBT = 5
 """Frames in a row that do not decode, before other layouts are tried."""
 
 ClientState = Literal["searching", "models", "streaming", "refused"]
-
-
-class Stamped(NamedTuple):
-    """A decoded frame with its stamps on the local clock."""
-
-    frame: Frame
-    exposure_ns: int
-    transmit_ns: int
-    received_ns: int
-    clock_error_ns: int
 
 
 class Client:
@@ -60,32 +49,24 @@ class Client:
         """Why it is refused, in words; empty otherwise."""
         self.info: handshake.ServerInfo | None = None
         self.layout: Layout = version.layout(wanted)
-        self.models: dict[int, str] = {}
-        """Body name by id."""
-        self.known_ids: frozenset[int] = frozenset()
-        """Every id of the model list, those with a refused name included."""
-        self.duplicate_names: frozenset[str] = frozenset()
-        """Names that more than one body has; such bodies are not published."""
-        self.models_seen = 0
-        """Raised by one with every model list."""
+        self.models = ModelNames()
         self.restarts = 0
         """Raised by one when another server, or a restarted one, has answered."""
-        self.clock = EchoClock(1)
         self.nominal_rate_hz = 0.0
         self.units_to_millimetres = 1000.0
         self.counters: Counter[str] = Counter()
         self.last_fault = ""
-        self._arrivals = ArrivalClock()
+        self.unanswered = 0
+        """Times it has asked to connect since the server last answered."""
+        self.stamper = Stamper(0, self.counters)
         self._commands: deque[str] = deque()
         self._command_sent_ns: int | None = None
-        self._connects = 0
         self._connect_due_ns = 0
         self._models_due_ns = 0
         self._models_asked_ns = 0
         self._keepalive_due_ns = 0
         self._echo_due_ns = 0
         self._echoes = 0
-        self._connected_ns = 0
         self._heard_ns = 0
         self._bad_frames = 0
 
@@ -95,10 +76,8 @@ class Client:
         """Datagrams due now, for the server's command port."""
         out: list[bytes] = []
         if self.state == "streaming" and now_ns - self._heard_ns > RECONNECT_NS:
-            self.state = "searching"
-            self._connects = 0
-            self._connect_due_ns = now_ns
             self.counters["silence"] += 1
+            self._reconnect(now_ns)
         if self.state in ("searching", "refused"):
             self._connect(now_ns, out)
         if self.state in ("searching", "refused"):
@@ -117,13 +96,20 @@ class Client:
         self._command(now_ns, out)
         return out
 
+    def _reconnect(self, now_ns: int) -> None:
+        """The same server, as far as one knows: keep its clock and its names."""
+        if self.state != "refused":
+            self.state = "searching"
+            self.unanswered = 0
+            self._connect_due_ns = now_ns
+
     def _connect(self, now_ns: int, out: list[bytes]) -> None:
         if now_ns < self._connect_due_ns:
             return
         asked = handshake.ANY_VERSION if self.multicast else self.wanted
         out.append(handshake.encode_connect(handshake.Connect(self.name, self.wanted, False, asked)))
-        self._connects += 1
-        quick = self._connects < QUICK_RETRIES and self.state == "searching"
+        self.unanswered += 1
+        quick = self.unanswered < QUICK_RETRIES and self.state == "searching"
         self._connect_due_ns = now_ns + (QUICK_RETRY_NS if quick else SLOW_RETRY_NS)
 
     def _command(self, now_ns: int, out: list[bytes]) -> None:
@@ -181,38 +167,18 @@ class Client:
         self._heard_ns = now_ns
         if frame.params & MODELS_CHANGED:
             self.request_models(now_ns)
-        return self._stamp(frame, now_ns)
-
-    def _stamp(self, frame: Frame, now_ns: int) -> Stamped | None:
-        clock = self.clock
-        if frame.transmit_ticks and clock.ready:
-            transmit_ns = clock.local_ns(frame.transmit_ticks)
-            exposure_ticks = frame.exposure_ticks or frame.transmit_ticks
-            exposure_ns = transmit_ns - clock.ns(frame.transmit_ticks - exposure_ticks)
-            return Stamped(frame, exposure_ns, transmit_ns, now_ns, clock.error_ns(frame.transmit_ticks))
-        if frame.transmit_ticks and now_ns - self._connected_ns < ECHO_PATIENCE_NS:
-            self.counters["before_clock"] += 1
-            return None
-        if frame.transmit_ticks:
-            server_ns = clock.ns(frame.transmit_ticks)
-            latency_ns = clock.ns(frame.transmit_ticks - frame.exposure_ticks) if frame.exposure_ticks else 0
-            self.counters["unsynchronised"] += 1
-        else:
-            server_ns = int(frame.timestamp_s * 1e9)
-            latency_ns = int(frame.latency_s * 1e9) if 0.0 <= frame.latency_s < 1.0 else 0
-        transmit_ns = self._arrivals.local_ns(server_ns, now_ns)
-        return Stamped(frame, transmit_ns - latency_ns, transmit_ns, now_ns, ArrivalClock.ASSUMED_NS)
+        return self.stamper.stamp(frame, now_ns)
 
     def _message(self, opened: Packet, now_ns: int) -> None:
         match opened.id:
             case MessageId.SERVERINFO:
                 self._server_info(handshake.decode_server_info(opened), now_ns)
             case MessageId.MODELDEF:
-                self._model_list(modeldef.decode_models(opened, self.layout))
+                self._model_list(opened)
             case MessageId.ECHO_RESPONSE:
                 sent_ns, ticks = handshake.decode_echo_response(opened)
                 if 0 <= now_ns - sent_ns <= 1_000_000_000 and self.info is not None:
-                    self.clock.echo(sent_ns, ticks, now_ns)
+                    self.stamper.clock.echo(sent_ns, ticks, now_ns)
                 else:
                     self.counters["stray_echo"] += 1
             case MessageId.RESPONSE:
@@ -222,6 +188,9 @@ class Client:
                 self._next_command()
             case MessageId.MESSAGESTRING:
                 self.counters["message_string"] += 1
+            case MessageId.DISCONNECT | MessageId.DISCONNECT_BY_TIMEOUT:
+                self.counters["disconnected"] += 1
+                self._reconnect(now_ns)
             case _:
                 self.counters["unknown_packet"] += 1
 
@@ -230,7 +199,7 @@ class Client:
             self.info = info
             self.state = "refused"
             self.problem = f"{info.name or 'server'}: {version.UnsupportedVersion(info.natnet)}"
-            self._connects = QUICK_RETRIES
+            self.unanswered = QUICK_RETRIES
             return
         known = self.info
         changed = known is not None and known != info
@@ -244,20 +213,20 @@ class Client:
         self.layout = version.layout(effective)
         self._bad_frames = 0
         if known is None or changed:
-            self.clock = EchoClock(max(info.tick_hz, 1))
+            self.stamper = Stamper(info.tick_hz, self.counters)
             self._echoes = 0
-        self._connected_ns = self._heard_ns = now_ns
+        self.unanswered = 0
+        self.stamper.connected_ns = self._heard_ns = now_ns
         self.state = "models"
         self._models_due_ns = self._keepalive_due_ns = self._echo_due_ns = now_ns
         self._commands = deque(["FrameRate", "UnitsToMillimeters"])
         self._command_sent_ns = None
 
-    def _model_list(self, bodies: list[modeldef.BodyModel]) -> None:
-        names = Counter(body.name for body in bodies)
-        self.duplicate_names = frozenset(name for name, count in names.items() if count > 1)
-        self.known_ids = frozenset(body.id for body in bodies)
-        self.models = {body.id: body.name for body in bodies if names[body.name] == 1}
-        self.models_seen += 1
+    def _model_list(self, opened: Packet) -> None:
+        bodies, layout = read_models(opened, self.layout)
+        if layout is not self.layout:
+            self.counters["other_model_layout"] += 1
+        self.models = names_of(bodies)
         self._models_due_ns = 0
         if self.state == "models":
             self.state = "streaming"
@@ -304,7 +273,6 @@ class Client:
         self.restarts += 1
         self.info = None
         self.state = "searching"
-        self._connects = 0
+        self.unanswered = 0
         self._connect_due_ns = 0
-        self._arrivals = ArrivalClock()
-        self.clock = EchoClock(1)
+        self.stamper = Stamper(0, self.counters)

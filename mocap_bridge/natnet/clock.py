@@ -117,9 +117,17 @@ class ArrivalClock:
 
     def __init__(self) -> None:
         self._least: deque[tuple[int, int]] = deque()
+        self._newest_ns: int | None = None
 
     def local_ns(self, server_ns: int, received_ns: int) -> int:
-        """Local time of a stamp that arrived at ``received_ns``, never later than that."""
+        """Local time of a stamp that arrived at ``received_ns``, never later than that.
+
+        A stamp that is not newer than all before tells nothing (some servers leave it at 0): its
+        arrival stands for it.
+        """
+        if self._newest_ns is not None and server_ns <= self._newest_ns:
+            return received_ns
+        self._newest_ns = server_ns
         offset = received_ns - server_ns
         least = self._least
         while least and least[-1][1] >= offset:

@@ -33,7 +33,7 @@ class ServerInfo(NamedTuple):
     app: tuple[int, int, int, int]
     natnet: Version
     tick_hz: int = 0
-    """Ticks per second of the server's stamps; 0 before 3.0."""
+    """Ticks per second of the server's stamps; 0 before 3.0, and where its clock does not tick."""
     data_port: int = 1511
     multicast: bool = True
     group: str = "239.255.42.99"
@@ -84,7 +84,9 @@ def encode_server_info(info: ServerInfo) -> bytes:
 def decode_server_info(opened: Packet) -> ServerInfo:
     """The server's answer to CONNECT.
 
-    :raises Malformed: too short for the name and versions, or a clock that does not tick.
+    A clock that does not tick as clocks do counts as none.
+
+    :raises Malformed: too short for the name and versions.
     """
     left = opened.end - 4
     if left < _SENDER.size:
@@ -95,8 +97,8 @@ def decode_server_info(opened: Packet) -> ServerInfo:
     if left < _SENDER.size + _CLOCK.size:
         return info
     tick_hz, data_port, multicast, *group = _CLOCK.unpack_from(opened.data, 4 + _SENDER.size)
-    if info.natnet >= (3, 0) and not 1_000 <= tick_hz <= 100_000_000_000:
-        raise Malformed("server info", f"a clock of {tick_hz} ticks per second")
+    if not 1_000 <= tick_hz <= 100_000_000_000:
+        tick_hz = 0
     return info._replace(
         tick_hz=tick_hz, data_port=data_port, multicast=bool(multicast), group=".".join(map(str, group))
     )

@@ -85,19 +85,26 @@ def _walk(reader: Reader, layout: Layout, bone_markers: bool) -> list[BodyModel]
     bodies: list[BodyModel] = []
     for _ in range(reader.count("models", 5)):
         kind = reader.integer("model type")
-        end = -1
         if layout.sized:
-            size = reader.count("model size")
-            end = reader.offset + size
-        if kind == RIGID_BODY:
+            start = reader.offset + 4
+            reader.skip(reader.count("model size"), "model")
+            if kind == RIGID_BODY:
+                bodies.append(_read_sized(Reader(reader.data, start, reader.offset), layout.version))
+        elif kind == RIGID_BODY:
             bodies.append(_read_body(reader, layout.version))
-        elif not layout.sized:
+        else:
             _skip_model(reader, kind, layout.version, bone_markers)
-        if end >= 0:
-            if reader.offset > end:
-                raise Malformed("model size", f"a model of type {kind} does not fit its {size} bytes")
-            reader.offset = end
     return bodies
+
+
+def _read_sized(item: Reader, version: Version) -> BodyModel:
+    """A body in an item of its own; markers packed in another way than this version's are left out."""
+    start = item.offset
+    try:
+        return _read_body(item, version)
+    except Malformed:
+        item.offset = start
+        return _read_body(item, version, markers=False)
 
 
 def _read_body(reader: Reader, version: Version, markers: bool = True) -> BodyModel:

@@ -32,9 +32,10 @@ class UnsupportedVersion(ValueError):
     """A version whose layout is not known; the text names it and the ones that are."""
 
     def __init__(self, seen: object) -> None:
+        old = isinstance(seen, Version) and seen < OLDEST
         super().__init__(
             f"NatNet {seen} is not supported: {OLDEST} to {NEWEST} are (Motive {_MOTIVE[NEWEST]} and older); "
-            "choose an older bit stream in Motive's streaming settings"
+            + ("update Motive" if old else "choose an older bit stream in Motive's streaming settings")
         )
 
 

@@ -42,6 +42,8 @@ class SourceStatus(NamedTuple):
     names: frozenset[str] = frozenset()
     """Bodies the source knows."""
     duplicate_names: frozenset[str] = frozenset()
+    duplicate_ids: frozenset[str] = frozenset()
+    """Bodies that share their id with another, so that frames do not tell them apart."""
 
 
 class Source(Protocol):

@@ -14,22 +14,46 @@ MAX_BATCH = 256
 """Datagrams taken at once, so that a flood cannot starve the rest of the loop."""
 
 MAX_FOREIGN = 16
+BROADCAST = "255.255.255.255"
+FRAMELESS_NS = 1_500_000_000
+"""So long after a unicast server has answered without a frame, its data port is listened to as well."""
 
 
 def data_socket(group: str, port: int, local_address: str) -> socket.socket:
-    """A socket that has joined the multicast group on the interface with ``local_address``."""
+    """A socket that has joined the multicast group on the interface with ``local_address``.
+
+    Motive's "multicast as broadcast" has the group 255.255.255.255.
+    """
+    sock = _socket((group, port), shared=True)
+    if group != BROADCAST:
+        try:
+            membership = socket.inet_aton(group) + socket.inet_aton(local_address)
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+        except OSError:
+            sock.close()
+            raise
+    return sock
+
+
+def _socket(address: tuple[str, int], shared: bool = False) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    sock.bind((group, port))
-    membership = socket.inet_aton(group) + socket.inet_aton(local_address)
-    sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, shared)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        sock.bind(address)
+    except OSError:
+        sock.close()
+        raise
     sock.setblocking(False)
     return sock
 
 
 class NatNetSource:
-    """The UDP shell. Unicast frames arrive on the command socket, multicast ones on a second."""
+    """The UDP shell. Unicast frames arrive on the command socket, multicast ones on a second.
+
+    Some servers unicast to the data port instead. It is opened only where nothing has come otherwise,
+    since a server on the same host may need it for itself.
+    """
 
     def __init__(
         self, receiver: NatNetReceiver, server: str, command_port: int, local_address: str, group: str, data_port: int
@@ -41,14 +65,15 @@ class NatNetSource:
         self.foreign_senders: set[str] = set()
         """Addresses that sent something but are not the server."""
         self._server = (socket.gethostbyname(server), command_port)
-        self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._local_address = local_address
+        self._frameless_since_ns: int | None = None
+        self._command = _socket((local_address, 0))
         self._sockets = [self._command]
+        self._may_listen_more = True
         try:
-            self._command.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-            self._command.bind((local_address, 0))
-            self._command.setblocking(False)
             if group:
                 self._sockets.append(data_socket(group, data_port, local_address))
+                self._may_listen_more = False
         except OSError:
             self.close()
             raise
@@ -94,7 +119,27 @@ class NatNetSource:
                     frames.append(frame)
         self.frames_received += len(frames)
         self.send(now_ns)
+        if self._may_listen_more:
+            self._listen_more(now_ns)
         return frames
+
+    def _listen_more(self, now_ns: int) -> None:
+        client = self.receiver.client
+        if self.frames_received:
+            self._may_listen_more = False
+        elif client.info is None or client.state == "refused":
+            self._frameless_since_ns = None
+        elif self._frameless_since_ns is None:
+            self._frameless_since_ns = now_ns
+        elif now_ns - self._frameless_since_ns > FRAMELESS_NS:
+            self._may_listen_more = False
+            try:
+                sock = _socket((self._local_address, client.info.data_port))
+            except OSError:
+                self.receiver.counters["data_port_taken"] += 1
+                return
+            self._sockets.append(sock)
+            self._poll.register(sock, select.POLLIN)
 
     def status(self) -> SourceStatus:
         return self.receiver.status()

@@ -9,6 +9,9 @@ from mocap_bridge.natnet.version import Version
 from mocap_bridge.sequence import Sequence
 from mocap_bridge.sources.base import STEADY, SourceFrame, SourceStatus
 
+MANY_UNANSWERED = 10
+"""So often in a row a server that is there answers."""
+
 
 class NatNetReceiver:
     """Client, frame order and names of one server: datagrams in, frames by name out. Pure."""
@@ -36,11 +39,13 @@ class NatNetReceiver:
                 self.client.restart()
                 self._begin_session()
             return None
-        names = self.client.models
+        names, listed = self.client.models.names, frame.bodies
         try:
-            bodies: Mapping[str, Body] = {names[body[0]]: body for body in frame.bodies}
+            bodies: Mapping[str, Body] = {names[body[0]]: body for body in listed}
         except KeyError:
-            bodies = self._known(frame.bodies, now_ns)
+            bodies = {}
+        if len(bodies) < len(listed):
+            bodies = self._known(listed, now_ns)
         return SourceFrame(
             self.session,
             frame.number,
@@ -53,11 +58,15 @@ class NatNetReceiver:
         )
 
     def _known(self, bodies: list[Body], now_ns: int) -> Mapping[str, Body]:
-        names, known_ids = self.client.models, self.client.known_ids
-        if any(body[0] not in known_ids for body in bodies):
+        """Bodies with a name; two with the same id are nobody's."""
+        names, known_ids = self.client.models.names, self.client.models.known_ids
+        times = Counter(body[0] for body in bodies)
+        if not times.keys() <= known_ids:
             self.counters["unknown_id"] += 1
             self.client.request_models(now_ns)
-        return {names[body[0]]: body for body in bodies if body[0] in names}
+        if len(times) < len(bodies):
+            self.counters["repeated_id"] += 1
+        return {names[body[0]]: body for body in bodies if body[0] in names and times[body[0]] == 1}
 
     def _begin_session(self) -> None:
         self._restarts = self.client.restarts
@@ -78,7 +87,12 @@ class NatNetReceiver:
                 f"the server's unit is {client.units_to_millimetres:g} mm, not 1000 mm: "
                 "set metres in the streaming settings"
             )
-        elif client.state == "streaming" and client.counters["unsynchronised"] and not client.clock.ready:
+        elif client.unanswered > MANY_UNANSWERED and client.counters["early_frame"]:
+            problem = (
+                "frames come, but the server does not answer on its command port, which alone tells bodies' names: "
+                "check mocap.server and mocap.command_port, and the server's firewall"
+            )
+        elif client.state == "streaming" and client.counters["unsynchronised"] and not client.stamper.clock.ready:
             problem = "the server answers no clock echo: stamps are taken from arrivals"
         return SourceStatus(
             name=client.info.name[:64] if client.info else "natnet",
@@ -88,6 +102,7 @@ class NatNetReceiver:
             frames_dropped=self._dropped + self._sequence.dropped,
             malformed=client.counters["malformed"],
             counters=client.counters + self.counters,
-            names=frozenset(client.models.values()),
-            duplicate_names=client.duplicate_names,
+            names=frozenset(client.models.names.values()),
+            duplicate_names=client.models.duplicate_names,
+            duplicate_ids=client.models.duplicate_ids,
         )

@@ -114,7 +114,7 @@ def _evidence(
         units_to_millimetres=client.units_to_millimetres,
         rate_hz=health.rate_hz,
         nominal_rate_hz=client.nominal_rate_hz,
-        clock_error_ms=frames[-1].clock_error_ns * 1e-6 if frames and client.clock.ready else None,
+        clock_error_ms=frames[-1].clock_error_ns * 1e-6 if frames and client.stamper.clock.ready else None,
         edited=bool(frames and frames[-1].edited),
     )
 

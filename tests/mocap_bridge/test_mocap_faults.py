@@ -206,7 +206,7 @@ def test_restart_begins_a_session_with_a_clock_of_its_own() -> None:
 def test_changed_id_is_followed_by_name() -> None:
     story = Story("1.0 0.1 id_change r06").until(3.0)
     assert story.frames[-1].bodies[0].valid
-    assert story.receiver.client.models[101] == "r06"
+    assert story.receiver.client.models.names[101] == "r06"
     assert set(story.reasons("r06")) <= {"", "missing"}
     assert [body for body in of(story, "r06", 1.5, 3.0) if not body.valid] == []
 
@@ -239,7 +239,7 @@ def test_millimetres_at_connection_are_named_with_the_remedy() -> None:
 
 def test_clock_drift_is_followed() -> None:
     story = Story("0.0 20.0 clock_drift 100").until(15.0)
-    assert story.receiver.client.clock.skew == pytest.approx(-100e-6, abs=5e-6)
+    assert story.receiver.client.stamper.clock.skew == pytest.approx(-100e-6, abs=5e-6)
     for frame in story.frames[-100:]:
         assert abs(frame.publish_ns - frame.exposure_ns - 150_000) < 120_000
 
