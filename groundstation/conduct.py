@@ -9,11 +9,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from contract.arena import Arena, load
+from contract.arena import Arena, digest, load
 from contract.messages import LogEntry, Message, TargetCloud
 from groundstation import current
 from groundstation.failsafes import OVERRIDABLE
 from groundstation.link import Link, LinkError
+from groundstation.pickup import Notebook
 from groundstation.session import Plan, Session
 from groundstation.targets import CloudError, cloud_of
 
@@ -32,10 +33,20 @@ class Conductor:
     """Publishes heartbeat, cloud and status when they are due, and feeds the session what arrives."""
 
     def __init__(
-        self, arena: Arena, session: Session, cloud: TargetCloud, link: Link, folder: Path | None = None
+        self,
+        arena: Arena,
+        session: Session,
+        cloud: TargetCloud,
+        link: Link,
+        folder: Path | None = None,
+        notebook: Notebook | None = None,
     ) -> None:
-        """:param folder: where the recording is written; the room there is looked at once a second."""
+        """
+        :param folder: where the recording is written; the room there is looked at once a second.
+        :param notebook: where the mission is noted for a session that starts after this one.
+        """
         self._folder = folder
+        self._notebook = notebook
         self._phase = session.phase
         self.session = session
         session.cloud = cloud
@@ -68,6 +79,9 @@ class Conductor:
         if self._take("status", STATUS_NS, now_ns):
             status = self.session.status(now_ns)
             self._link.publish(self._link.keys.status, status, "status")
+            if self._notebook is not None:
+                session = self.session
+                self._notebook.write(session.cloud, session.started_ns, session.phase == "completed", now_ns)
             if self.listener is not None:
                 self.listener(status, time.monotonic())
         time.sleep(max(0.0, (min(self._due.values()) - time.monotonic_ns()) / 1e9))
@@ -106,7 +120,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"start although this check fails ({', '.join(OVERRIDABLE)}); recorded",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the recording is written")
-    parser.add_argument("--mission", default="", metavar="NAME", help="name of the mission in the recording")
+    parser.add_argument(
+        "--mission", default="", metavar="NAME",
+        help="begin a mission of this name (the mission that a session left within the hour, else the arena's)",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -127,12 +144,15 @@ def run(args: argparse.Namespace) -> int:
     try:
         with Link(arena, "station") as link:
             current.remember(args.arena)
-            conductor = Conductor(arena, new_session(arena, cloud, plan), cloud, link, args.out)
+            session, notebook = new_session(arena, cloud, plan), Notebook(digest(arena))
+            if not args.mission and (note := notebook.read(time.monotonic_ns())) is not None:
+                session.go_on(note.cloud, note.started_ns)
+                print(f"goes on with mission {note.cloud.mission}, {len(note.cloud.targets)} targets", flush=True)
+            conductor = Conductor(arena, session, session.cloud, link, args.out, notebook)
             print("READY station", flush=True)
             words = ""
             while going:
                 conductor.turn()
-                session = conductor.session
                 if (now := f"{session.phase}: {session.detail}") != words:
                     words = now
                     print(words, flush=True)

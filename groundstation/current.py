@@ -10,9 +10,15 @@ class NoArenaError(ValueError):
     """Neither a file was named nor is a session known."""
 
 
-def _note() -> Path:
+def state_folder() -> Path:
+    """Where this user's stations keep what outlives them; systemd's StateDirectory where there is one."""
+    kept = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(state) / "ahdc" / "arena"
+    return Path(kept) if kept else Path(state) / "ahdc"
+
+
+def _note() -> Path:
+    return state_folder() / "arena"
 
 
 def remember(config: Path) -> None:

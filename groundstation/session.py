@@ -99,6 +99,7 @@ class Session:
         self._began_ns = now_ns
         self._started_ns = 0
         self._ended_ns = 0
+        self._ending = ""
         self._seq = 0
         self._requests: set[int] = set()
         self._missions: dict[str, str] = {}
@@ -143,9 +144,22 @@ class Session:
             if cloud != self.cloud:
                 self.cloud = cloud
                 self._occupied.clear()
+                self._started_ns = 0
                 self.phase, self.detail = "waiting", "new targets"
         elif cloud != self.cloud:
             self.detail = f"new targets refused while {self.phase}"
+
+    def go_on(self, cloud: TargetCloud, started_ns: int) -> None:
+        """Take over the mission of the session before this one; the robots say what is occupied.
+
+        :param started_ns: site time of its start; 0: it was not under way.
+        """
+        self.cloud, self._started_ns = cloud, started_ns
+
+    @property
+    def started_ns(self) -> int:
+        """Site time of the start; 0 before it."""
+        return self._started_ns
 
     def order(self, order: Request | Literal["stop"], now_ns: int, robots: tuple[str, ...] = ()) -> None:
         """An operator's order. ``disarm`` also releases a stop and makes an ended session ready anew.
@@ -181,7 +195,8 @@ class Session:
         elif order == "hold" and self.phase == "running":
             self._give("hold", now_ns)
         else:
-            self.detail = f"{order} refused while {self.phase}"
+            why = f": {self._ending}" if self.phase in ENDED else ""
+            self.detail = f"{order} refused while {self.phase}{why}"[:400]
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -375,7 +390,7 @@ class Session:
         if self.phase not in ENDED:
             self._ended_ns = now_ns
         if self.phase not in ("stopped", "failed"):
-            self.phase, self.detail = phase, detail
+            self.phase, self.detail, self._ending = phase, detail, detail
         if self._order != order:
             self._give(order, now_ns)
 

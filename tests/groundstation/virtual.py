@@ -30,6 +30,8 @@ class Virtual:
         self.said: list[Message] = []
         """Of the last period."""
         self.least_m = float("inf")
+        self.silence = False
+        """The station says nothing: it has ended."""
         self._requests = 0
 
     def pose(self, name: str) -> Pose:
@@ -46,7 +48,7 @@ class Virtual:
         self.hops.advance(self.now_ns)
         frame = self.hops.frame(self.now_ns, {name: self.pose(name) for name in self.agents})
         self.session.receive(frame, self.now_ns)
-        if self.now_ns % (5 * PERIOD_NS) == 0:
+        if self.now_ns % (5 * PERIOD_NS) == 0 and not self.silence:
             self.session.advance(self.now_ns)
             for message in (self.session.cloud, self.session.heartbeat(self.now_ns)):
                 self._deliver("", message)
