@@ -35,6 +35,7 @@ VERBS: dict[str, Verb] = {
     "mock-arena": Verb("groundstation.mock_arena", "emulate wheels, bodies and motion capture of an arena", "Try"),
     "keys": Verb("groundstation.keys", "certificates of a site on a network: init, issue, revoke, list", "Run"),
     "router": Verb("groundstation.router", "the router of a site with keys: mutual TLS, rules for every robot", "Run"),
+    "deploy": Verb("groundstation.deploy", "bring this software and arena file to the robots' computers", "Run"),
     "doctor": Verb("groundstation.doctor", "check the whole fleet before it gets power", "Run"),
     "arm": Verb("groundstation.orders", "let the robots' wheels be driven", "Run"),
     "start": Verb("groundstation.orders", "start the mission", "Run"),

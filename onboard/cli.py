@@ -26,6 +26,15 @@ def parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
     run.add_argument("--robot", required=True, metavar="ID", help="which robot of the arena file, such as r06")
+    check = verbs.add_parser(
+        "check",
+        allow_abbrev=False,
+        help="read the arena file as `run` would, and say what was found",
+        description="Read the arena file and load everything that a run needs, open nothing. Prints name=value lines: "
+        "software, release, python, arena (the hash every robot must agree on).",
+    )
+    check.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
+    check.add_argument("--robot", required=True, metavar="ID", help="which robot of the arena file")
     verbs.add_parser(
         "failsafes",
         allow_abbrev=False,
@@ -38,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
-        code = {"run": run, "failsafes": failsafes}[arguments.verb](arguments)
+        code = {"run": run, "check": check, "failsafes": failsafes}[arguments.verb](arguments)
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -50,6 +59,18 @@ def failsafes(arguments: argparse.Namespace) -> int:
     from onboard.failsafes import markdown
 
     print(markdown())
+    return EXIT_GOOD
+
+
+def check(arguments: argparse.Namespace) -> int:
+    from contract.arena import ArenaError
+    from onboard import runtime
+
+    try:
+        print(runtime.check(arguments.arena, arguments.robot))
+    except ArenaError as error:
+        print(error, file=sys.stderr)
+        return EXIT_INPUT
     return EXIT_GOOD
 
 

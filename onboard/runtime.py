@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any
 
 from contract import network
-from contract.arena import Arena, load, robot_or_fault
+from contract.arena import Arena, digest, load, robot_or_fault
 from contract.codec import WireError, encode
 from contract.exposure import exposure
 from contract.keys import Keys
@@ -212,6 +212,28 @@ def software() -> str:
         return version("ahdc-fieldkit")
     except PackageNotFoundError:
         return ""
+
+
+def check(path: Path, robot: str) -> str:
+    """What a run would work with, a line each; everything is loaded, nothing opened.
+
+    :raises contract.arena.ArenaError: the file has faults, no such robot, or its certificates cannot be read.
+    """
+    import zenoh
+
+    arena = load(path, wheel_faults)
+    robot_or_fault(arena, robot)
+    network.identity(arena.link.keys, robot)
+    open_robot(arena, robot)
+    zenoh.Config()
+    said = {
+        "robot": robot,
+        "software": software(),
+        "python": ".".join(map(str, sys.version_info[:3])),
+        "zenoh": version("eclipse-zenoh"),
+        "arena": digest(arena),
+    }
+    return "\n".join(f"{name}={value}" for name, value in said.items())
 
 
 def run(path: Path, robot: str) -> int:

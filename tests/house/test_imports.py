@@ -18,6 +18,7 @@ from tests.house.checkout import ROOMS, ROOT
 EVERY_ROOM = set(ROOMS)
 MAY_IMPORT_ROOMS = {
     "onboard/runtime.py": {"contract", "drivers"},
+    "groundstation/deploy.py": {"contract", "drivers"},
     "groundstation/emulated.py": EVERY_ROOM,
     "groundstation/faultrows.py": EVERY_ROOM,
     "groundstation/hops.py": EVERY_ROOM,
@@ -52,6 +53,11 @@ SHELLS = (
     "mocap_bridge/verbs/*.py",
     "groundstation/conduct.py",
     "groundstation/demo.py",
+    "groundstation/deploy.py",
+    "groundstation/deployment/bundle.py",
+    "groundstation/deployment/remote.py",
+    "groundstation/deployment/site.py",
+    "groundstation/deployment/workshop.py",
     "groundstation/doctor.py",
     "groundstation/errands.py",
     "groundstation/emulated.py",
