@@ -72,6 +72,14 @@ def servers_of(arena: Arena) -> list[str]:
     return [host for host in dict.fromkeys([*hosts, "127.0.0.1", "localhost"]) if host not in ("0.0.0.0", "::")]
 
 
+def establish(arena: Arena, days: float, now: datetime) -> None:
+    """An authority and certificates for everybody, whatever there was before."""
+    keyring = Keyring(Path(arena.link.keys))
+    keyring.found(arena.arena.name, now, replace=True)
+    for name in (*ROLES, *arena.robots):
+        keyring.issue(name, days, now, servers_of(arena) if name == "router" else ())
+
+
 def _init(keyring: Keyring, arena: Arena, args: argparse.Namespace) -> int:
     keyring.found(arena.arena.name, datetime.now(UTC), args.replace)
     print(f"authority of {arena.arena.name} in {keyring.folder}; next: keys issue --arena {args.arena}")

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
@@ -40,9 +41,12 @@ class Child:
     """One process: its name, its command, and a log file with all it writes to stderr.
 
     :param niceness: added to this process's own; a negative one needs a privilege and is else left off.
+    :param inside: a command that becomes the process, such as ``ip netns exec NAME``.
     """
 
-    def __init__(self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0) -> None:
+    def __init__(
+        self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0, inside: Sequence[str] = ()
+    ) -> None:
         self.name = name
         self.log = log
         self.ready = False
@@ -53,7 +57,7 @@ class Child:
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         with log.open("wb") as sink:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments],
+                [*inside, sys.executable, "-m", module, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=sink,
@@ -116,9 +120,18 @@ class Family:
     def __exit__(self, *exception: object) -> None:
         self.end()
 
-    def start(self, name: str, module: str, arguments: list[str], log: Path, niceness: int = 0, ends: int = 0) -> Child:
+    def start(
+        self,
+        name: str,
+        module: str,
+        arguments: list[str],
+        log: Path,
+        niceness: int = 0,
+        ends: int = 0,
+        inside: Sequence[str] = (),
+    ) -> Child:
         """One more process; ``ends``: those with a higher number end after all with a lower one."""
-        child = Child(name, module, arguments, log, niceness)
+        child = Child(name, module, arguments, log, niceness, inside)
         child.ends = ends
         self.children.append(child)
         return child
