@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from groundstation.page_links import Network
+from groundstation.page_missing import BRIDGE, ROUTER, Missing
 from groundstation.page_reasons import seconds
 from groundstation.page_seed import unreachable
 from groundstation.page_stop import CONFIRM_NS
@@ -15,14 +16,16 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 
-def bar(state: "PageState", rows: Sequence[Row], graph: Network, now_ns: int) -> dict[str, Any]:
+def bar(
+    state: "PageState", rows: Sequence[Row], graph: Network, gone: Sequence[Missing], now_ns: int
+) -> dict[str, Any]:
     """``run``, ``cell``, ``net``, ``progress``, ``time``, ``stop``, ``can`` and ``checks`` of the view."""
     stop = _stop(state, rows, now_ns)
     run = _run(state, rows, stop, now_ns)
     missing = _checks(state, graph, now_ns)
     return {
         "run": run,
-        "cell": _robots(state, rows, stop),
+        "cell": _robots(rows, stop, gone),
         "net": _released() if run["state"] == "HOMING" else _network(graph, state.frame_age_s(now_ns)),
         "progress": _progress(state, stop),
         "time": _time(state),
@@ -89,7 +92,7 @@ def _run(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None, n
             return said("STOPPED", "stop", "red", "releasing")
         return said("STOPPED", "stop", "red", f"Latched by {stop['source']}")
     if status is None or not state.station_alive(now_ns):
-        return said("NO STATION", "caution", "amber", "Run: ahdc-groundstation session")
+        return said("NO STATION", "caution", "amber", "Start it: ahdc-groundstation session")
     may, idle = _movers(rows)
     order = state.heartbeat.order if state.heartbeat is not None else ""
     if status.phase == "homing":
@@ -116,7 +119,7 @@ def _movers(rows: Sequence[Row]) -> tuple[list[str], list[str]]:
     return may, [row["id"] for row in rows if row["id"] not in may]
 
 
-def _robots(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None) -> dict[str, Any]:
+def _robots(rows: Sequence[Row], stop: dict[str, Any] | None, gone: Sequence[Missing]) -> dict[str, Any]:
     total = len(rows)
     if stop is not None:
         slowest = stop["slowest_ms"]
@@ -129,6 +132,12 @@ def _robots(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None
         }
     faults = [row for row in rows if row.get("trouble", {}).get("level") == "fault"]
     cautions = [row for row in rows if row.get("trouble", {}).get("level") == "caution"]
+    if gone and (not faults or gone[0].part in (ROUTER, BRIDGE)):
+        part = gone[0]
+        tone = "red" if part.level == "fault" else "amber"
+        name, _, state_word = part.title.rpartition(" ")
+        sub = part.now.partition(". ")[0]
+        return {"label": f"for {part.value}", "big": name, "of": state_word, "sub": sub, "tone": tone}
     if faults or cautions:
         tone, these = ("red", faults) if faults else ("amber", cautions)
         first = these[0]
@@ -217,6 +226,11 @@ def _checks(state: "PageState", graph: Network, now_ns: int) -> list[tuple[str, 
     return checks
 
 
+def _to_clear(state: "PageState") -> bool:
+    """A robot is disarmed for a reason of old, which a new ``disarm`` clears where it has gone."""
+    return any(report.run == "disarmed" and report.reason for report in state.reports().values())
+
+
 def _can(state: "PageState", word: str, checks: Sequence[tuple[str, str]]) -> dict[str, bool]:
     phase = state.status.phase if state.status else ""
     good = word not in ("STOPPED", "STOPPING", "NO STATION")
@@ -228,7 +242,8 @@ def _can(state: "PageState", word: str, checks: Sequence[tuple[str, str]]) -> di
         "arm": good and phase == "ready" and word == "DISARMED",
         "start": good and not stray and (phase == "armed" or word == "HOLDING"),
         "hold": good and word == "RUNNING",
-        "disarm": good and word in ("ARMED", "ARMING", "HOLDING", "HOMING", "COMPLETED", "FAILED"),
+        "disarm": good
+        and (word in ("ARMED", "ARMING", "HOLDING", "HOMING", "COMPLETED", "FAILED") or _to_clear(state)),
         "repeat": idle and (begun or word == "COMPLETED"),
         "home": idle and bool(state.misplaced()),
     }

@@ -19,12 +19,20 @@ class Intake(Link):
     def __init__(self, arena: Arena, source: str, timeout_s: float = 10.0) -> None:
         super().__init__(arena, source, timeout_s)
         self._newest: dict[str, tuple[bytes, int]] = {}
+        self.present: set[str] = set()
+        """Sources whose liveliness token is there."""
         self._lines: deque[tuple[str, bytes, int]] = deque(maxlen=LINES)
 
     def listen(self, arena: Arena) -> None:
         keys = self.keys
         self.subscribe([keys.mocap_frame, keys.mocap_health, keys.status, keys.targets, keys.heartbeat, keys.stop])
         self.subscribe([f"{keys.site}/log/**", *(keys.report(robot) for robot in arena.robots)])
+        presence = f"{keys.site}/presence/*"
+        self._session.liveliness().declare_subscriber(presence, self._attend, history=True)
+
+    def _attend(self, sample: Any) -> None:
+        source = str(sample.key_expr).rpartition("/")[2]
+        (self.present.discard if str(sample.kind).endswith("DELETE") else self.present.add)(source)
 
     def _store(self, sample: Any) -> None:
         key, payload, now_ns = str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns()

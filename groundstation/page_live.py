@@ -125,6 +125,7 @@ class Page:
         """Take what has arrived, send what is due."""
         for message, arrival_ns in self._link.take():
             self.state.receive(message, arrival_ns)
+        self.state.attend(self._link.present, now_ns)
         for request in self.state.latch.due(now_ns):
             self._publish(request)
         if self._asked and now_ns >= self._ask_due_ns:

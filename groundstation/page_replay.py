@@ -18,6 +18,7 @@ class NoLink(Intake):
     def __init__(self, arena: Arena) -> None:
         self.keys = Keys(arena.arena.name)
         self.refused = 0
+        self.present = set()
 
     def publish(self, key: str, message: Message, channel: str) -> None:
         return

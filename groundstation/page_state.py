@@ -1,183 +1,36 @@
-"""From the site's messages to what the arena page shows, as one plain view. Pure: times come from outside.
+"""From what the arena page has heard to what it shows, as one plain view. Pure: times come from outside.
 
-The server says the words, the browser draws them: so every word is tested without a browser. Robots are
-counted in the order of the arena file; metres and radians in the arena frame; ``*_ms`` milliseconds.
+The server says the words, the browser draws them: so every word is tested without a browser.
 """
 
 import math
-from collections import deque
 from typing import Any
 
 from contract.arena import Arena
-from contract.messages import (
-    BodyPose,
-    LogEntry,
-    Message,
-    MocapFrame,
-    MocapHealth,
-    RobotReport,
-    RunStatus,
-    StationHeartbeat,
-    StopRequest,
-    TargetCloud,
-)
+from contract.messages import RobotReport, TargetCloud
 from groundstation.connectivity import tree_floor
 from groundstation.page_bar import bar
 from groundstation.page_health import health
 from groundstation.page_links import Network, network
+from groundstation.page_memory import PageMemory
+from groundstation.page_missing import Missing, missing
 from groundstation.page_reasons import POWERED, SILENT_S, Complaint, Heard, complaint
 from groundstation.page_rows import Sight, row
-from groundstation.page_stop import StopLatch
-from groundstation.page_targets import TargetBoard
-from groundstation.scenes import clock, label
 from groundstation.session import MISPLACED_M
 
 CAUTION_AFTER_S = 1.0
 """A caution must last this long before it is shown: a single late step is no news."""
-EVENTS = 200
 SHOWN_EVENTS = 12
 HISTORY_S = 0.25
 SPEED_OVER_S = 0.2
 
 
-class PageState:
-    """Everything heard so far, and the view it makes."""
+class PageState(PageMemory):
+    """The view of everything heard so far."""
 
     def __init__(self, arena: Arena, now_ns: int) -> None:
-        self.arena = arena
-        self.latch = StopLatch(tuple(arena.robots))
-        self.board = TargetBoard(arena.control.sensing_radius_m)
-        self.status: RunStatus | None = None
-        self.status_ns = 0
-        self.heartbeat: StationHeartbeat | None = None
-        self.mocap: MocapHealth | None = None
-        self.recorder: LogEntry | None = None
-        self.recorder_ns = 0
-        self.events: deque[tuple[int, str, str, str]] = deque(maxlen=EVENTS)
-        """(number, time, words, level)."""
-        self.history: deque[tuple[float, float]] = deque(maxlen=4 * 3600)
-        """(elapsed s, lambda_2) of the mission."""
-        self.marks: list[tuple[float, str]] = []
-        self.began_ns = now_ns
-        self._names = list(arena.robots)
-        self._labels = [label(name) for name in self._names]
-        self._index = {name: i for i, name in enumerate(self._names)}
-        self._reports: dict[str, tuple[RobotReport, int]] = {}
-        self._bodies: dict[str, BodyPose] = {}
-        self._poses: dict[str, tuple[float, float, float, int]] = {}
-        self._tracks: dict[str, deque[tuple[int, float, float]]] = {name: deque(maxlen=64) for name in self._names}
-        self._frame: MocapFrame | None = None
-        self._frame_ns = 0
-        self._holds: dict[str, int] = {}
+        super().__init__(arena, now_ns)
         self._cautions: dict[str, tuple[str, int]] = {}
-        self._numbers = 0
-
-    # --- in ---------------------------------------------------------------------------------------
-
-    def receive(self, message: Message, arrival_ns: int) -> None:
-        match message:
-            case MocapFrame():
-                self._take_frame(message, arrival_ns)
-            case RobotReport() if message.robot in self._index:
-                self._take_report(message, arrival_ns)
-            case RunStatus():
-                self._take_status(message, arrival_ns)
-            case TargetCloud():
-                self.board.take(message)
-            case StationHeartbeat():
-                self.heartbeat = message
-            case StopRequest():
-                if self.latch.pressed is None:
-                    self.note(f"STOP by {message.source}", "error", arrival_ns)
-                self.latch.overheard(message, arrival_ns)
-            case MocapHealth():
-                if self.mocap is None or self.mocap.state != message.state:
-                    level = "info" if message.state == "ok" else "warning"
-                    self.note(f"Mocap {message.state}. {message.detail}".strip(), level, arrival_ns)
-                self.mocap = message
-            case LogEntry():
-                self._take_log(message, arrival_ns)
-            case _:
-                pass
-
-    def note(self, words: str, level: str, now_ns: int) -> None:
-        """A line of the event log."""
-        self._numbers += 1
-        self.events.append((self._numbers, self._clock(now_ns), words, level))
-
-    def _clock(self, now_ns: int) -> str:
-        """Time since the start of the mission while there is one, else since the page began."""
-        if self.status is not None and self.status.elapsed_s > 0:
-            return clock(self.status.elapsed_s)
-        return f"-{clock((now_ns - self.began_ns) / 1e9)}"
-
-    def _take_frame(self, frame: MocapFrame, arrival_ns: int) -> None:
-        self._frame, self._frame_ns = frame, arrival_ns
-        for body in frame.bodies:
-            if body.robot in self._index:
-                self._bodies[body.robot] = body
-                if body.valid:
-                    self._poses[body.robot] = (body.x_m, body.y_m, body.heading_rad, frame.exposure_ns)
-                    self._tracks[body.robot].append((frame.exposure_ns, body.x_m, body.y_m))
-
-    def _take_report(self, report: RobotReport, arrival_ns: int) -> None:
-        before = self._reports.get(report.robot)
-        self._reports[report.robot] = (report, arrival_ns)
-        acknowledged = report.robot in self.latch.acknowledged_ns
-        self.latch.heard(report, arrival_ns)
-        if not acknowledged and report.robot in self.latch.acknowledged_ns and not self.latch.silent:
-            self.note(f"{len(self._names)} of {len(self._names)} confirmed STOP", "info", arrival_ns)
-        who = label(report.robot)
-        if report.task == "occupied" and report.run == "running":
-            self._holds.setdefault(report.robot, arrival_ns)
-        else:
-            self._holds.pop(report.robot, None)
-        if before is None:
-            return
-        old = before[0]
-        if old.run != report.run:
-            words = f"{who} {report.run}" + (f": {report.reason}" if report.reason else "")
-            bad = report.run in ("stopped", "fault") or (report.run == "holding" and report.reason)
-            self.note(words, "error" if bad else "info", arrival_ns)
-        if set(old.links_on) | set(old.links_kept) and report.run == "running":
-            for other in set(old.links_on + old.links_kept) - set(report.links_on + report.links_kept):
-                if report.robot < other:
-                    self.note(f"Link {who}\u2013{label(other)} removed", "info", arrival_ns)
-        if old.task != "helping" and report.task == "helping" and report.run == "running":
-            self.marks.append((self._elapsed(), "help"))
-            self.note(f"{who} goes to help", "info", arrival_ns)
-
-    def _elapsed(self) -> float:
-        return self.status.elapsed_s if self.status else 0.0
-
-    def _take_status(self, status: RunStatus, arrival_ns: int) -> None:
-        old = self.status
-        self.status, self.status_ns = status, arrival_ns
-        if status.elapsed_s == 0.0 and (self.history or self.board.done):
-            self.history.clear()
-            self.marks.clear()
-            self.board.done.clear()
-        for target in status.occupied:
-            if target not in self.board.done:
-                self.board.done.add(target)
-                self.marks.append((status.elapsed_s, "done"))
-                self.note(f"T{target + 1:02d} done", "info", arrival_ns)
-        if old is None or old.phase != status.phase:
-            detail = f": {status.detail}" if status.detail and status.phase != "waiting" else ""
-            bad = status.phase in ("failed", "stopped")
-            self.note(f"Mission {status.phase}{detail}", "error" if bad else "info", arrival_ns)
-
-    def _take_log(self, entry: LogEntry, arrival_ns: int) -> None:
-        if entry.source == "recorder":
-            worse = entry.level != "info" and (self.recorder is None or self.recorder.level != entry.level)
-            self.recorder, self.recorder_ns = entry, arrival_ns
-            if not worse:
-                return
-        elif entry.source in self._index or entry.level not in ("warning", "error"):
-            return
-        self.note(f"{entry.source}: {entry.text}", entry.level, arrival_ns)
-
-    # --- out --------------------------------------------------------------------------------------
 
     def layout(self) -> dict[str, Any]:
         """What does not change while the page is open, and what has been so far."""
@@ -228,12 +81,13 @@ class PageState:
         rows = [row(name, self._sight(name, complaints.get(name), away.get(name), now_ns)) for name in self._names]
         running = [self._poses[n][:2] for n, (r, _) in self._reports.items() if r.run == "running" and n in self._poses]
         recorder_age_s = (now_ns - self.recorder_ns) / 1e9
-        station = self.station_alive(now_ns)
+        station, gone = self.station_alive(now_ns), self.missing(now_ns)
         view: dict[str, Any] = {
             "kind": "view",
             "t": now_ns // 1_000_000,
             "age_s": round(self.frame_age_s(now_ns), 3),
             "station": station,
+            "missing": [part._asdict() for part in gone],
             "robots": rows,
             "links": graph.pairs,
             "l2": round(graph.lambda2, 4),
@@ -246,11 +100,16 @@ class PageState:
             "marked": len(self.marks),
             "history": list(self.history)[-4:],
         }
-        view |= bar(self, rows, graph, now_ns)
+        view |= bar(self, rows, graph, gone, now_ns)
         return view
 
     def station_alive(self, now_ns: int) -> bool:
         return self.status is not None and now_ns - self.status_ns < SILENT_S * 1e9
+
+    def missing(self, now_ns: int) -> list[Missing]:
+        """Processes of the station that were there and are not."""
+        silent_s = (now_ns - self.status_ns) / 1e9 if self.status is not None else 0.0
+        return missing(self.arena, self.roll, silent_s if silent_s > SILENT_S else None, now_ns)
 
     def frame_age_s(self, now_ns: int) -> float:
         """Since the last pose frame arrived; -1 for never."""

@@ -7,7 +7,6 @@ file, goes on with them. It starts nobody: robots are disarmed by a new station 
 
 import contextlib
 import os
-import time
 from pathlib import Path
 
 import msgspec
@@ -72,9 +71,9 @@ class Notebook:
         partial = self.path.with_suffix(f".{os.getpid()}.part")
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            if not self.path.exists():
-                self._clear_out()
             partial.write_bytes(msgspec.json.encode(note))
+            if not self.path.exists():
+                self._clear_out(partial.stat().st_mtime - FORGET_S)
             os.replace(partial, self.path)
 
     def forget(self) -> None:
@@ -82,9 +81,8 @@ class Notebook:
         with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)
 
-    def _clear_out(self) -> None:
+    def _clear_out(self, oldest_s: float) -> None:
         """Notes of arena files that nobody has used for a week."""
-        oldest_s = time.time() - FORGET_S
         for path in self.path.parent.glob("mission-*.json"):
             if path.stat().st_mtime < oldest_s:
                 path.unlink(missing_ok=True)

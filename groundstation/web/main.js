@@ -2,7 +2,7 @@
 import { repaint } from "./canvas.js";
 import { drawChart } from "./chart.js";
 import { ArenaMap } from "./map.js";
-import { drawBar, drawChecks, drawLegend, drawLog, drawRelease, drawRows, text } from "./panels.js";
+import { drawBar, drawChecks, drawLegend, drawLog, drawParts, drawRelease, drawRows, text } from "./panels.js";
 import { download, Seed } from "./seed.js";
 import { Replay } from "./replay.js";
 import { Stop } from "./stop.js";
@@ -66,9 +66,11 @@ function age() { return viewAt ? performance.now() - viewAt + Math.max(0, view.a
 function noData() {
   if (!view || age() < NO_DATA_MS) return null;
   const server = performance.now() - viewAt > NO_DATA_MS - 200;
-  const who = server ? "page server" : "router or motion capture";
+  const gone = (view.missing || []).find((part) => ["router", "mocap_bridge"].includes(part.part));
+  const who = server ? "page server" : gone ? gone.title.toLowerCase() : "motion capture";
   const late = view.age_s < 0 && !server ? "yet" : `${(age() / 1000).toFixed(1)} s`;
-  return { title: `NO DATA ${late}, ${who}`, text: "Robots stop by themselves without poses. STOP is live." };
+  const stop = gone?.part === "router" ? "STOP does not reach them." : server ? "STOP goes on trying, by both paths." : "STOP is live.";
+  return { title: `NO DATA ${late}, ${who}`, text: `Robots stop by themselves without poses. ${stop}` };
 }
 
 function drawAll() {
@@ -79,6 +81,7 @@ function drawAll() {
   replay.draw(view.replay);
   document.body.dataset.run = stopped ? local.state : view.run.state;
   drawBar(view, local);
+  drawParts(view.missing || []);
   drawRows(view, layout, map.selected, (id) => { map.selected = map.selected === id ? null : id; });
   seed.open = view.can.seed && !stopped;
   const placing = !stopped && ["DISARMED", "NO STATION"].includes(view.run.state);
@@ -113,7 +116,7 @@ function actionList() {
   if (state === "HOLDING") return [lock, ["Enter", "Go on", can.start, true, () => order("run")]];
   if (state === "ARMED" || state === "ARMING") return [lock, ["Enter", "Start", can.start, true, () => order("run")]];
   if (state === "COMPLETED" || state === "FAILED") return [rings, ["L", "Reset", can.disarm, true, () => order("disarm")]];
-  return [...(can.home ? [home] : can.repeat ? [repeat] : []), ["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
+  return [...(can.disarm ? [["L", "Clear", true, false, () => order("disarm")]] : can.home ? [home] : can.repeat ? [repeat] : []), ["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
 }
 
 let actions = [], actionWords = "";

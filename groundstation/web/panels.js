@@ -39,6 +39,14 @@ export function drawBar(view, local) {
   text($("time-label"), view.time.label); text($("time-big"), view.time.big); text($("time-sub"), view.time.sub);
 }
 
+/** Processes of the station that are missing: what it means, what to do. */
+export function drawParts(missing) {
+  html($("parts"), missing.map((part) => {
+    const bad = part.level === "fault", line = (name, words) => (words ? `<dt>${name}</dt><dd>${escape(words)}</dd>` : "");
+    return `<div class="row part open ${bad ? "bad" : "warn"}"><i style="--hole:var(--red-soft)">${bad ? icons.fault : icons.caution}</i><span class="title">${escape(part.title)}</span><span class="value">${escape(part.value)}</span><dl>${line("Why", part.why)}${line("Now", part.now)}${line("Do", part.do)}</dl></div>`;
+  }).join(""));
+}
+
 const COLUMNS = [["pose ms", "pose_ms"], ["loop Hz", "hz"], ["jitter ms", "jitter_ms"], ["battery", "battery_v"]];
 const STOP_COLUMNS = [["ack ms", "ack_ms"], ["m/s", "mps"], ["pose ms", "pose_ms"], ["battery", "battery_v"]];
 

@@ -31,6 +31,7 @@ class Wire:
         self.keys = Keys(ARENA.arena.name)
         self.sent: list[tuple[str, Message]] = []
         self.arrived: list[tuple[Message, int]] = []
+        self.present: set[str] = set()
         self.changed = threading.Condition()
 
     def publish(self, key: str, message: Message, channel: str) -> None:
