@@ -36,6 +36,7 @@ from drivers.serial.port import SerialPort
 PERIOD_NS = 10_000_000
 BLOCK = 50
 ROBOT = "r01"
+SPEEDS = WheelSpeeds(3.0, -2.0)
 
 
 class Rig:
@@ -110,7 +111,7 @@ def ours(rig: Rig, drive: GatedDrive) -> Callable[[], tuple[float, float]]:
         drive.poll(rig.now_ns)
         drive.read(rig.now_ns)
 
-    return lambda: timed(rig, lambda: drive.write(WheelSpeeds(3.0, -2.0), rig.now_ns), rest)
+    return lambda: timed(rig, lambda: drive.write(SPEEDS, rig.now_ns), rest)
 
 
 def bare_serial(rig: Rig, setpoint: bytes, question: bytes) -> Callable[[], tuple[float, float]]:
@@ -142,7 +143,7 @@ def bare_can(rig: Rig, setpoint: bytes) -> Callable[[], tuple[float, float]]:
 def recorded(rig: Rig, drive: GatedDrive) -> tuple[bytes, bytes]:
     """The bytes of one setpoint and of one request for telemetry."""
     rig.pump()
-    drive.write(WheelSpeeds(3.0, -2.0), rig.now_ns)
+    drive.write(SPEEDS, rig.now_ns)
     setpoint = rig.heard()
     rig.pump(setpoint)
     drive.poll(rig.now_ns)

@@ -51,8 +51,8 @@ class WheelMotor:
 
     def take_speed(self, units: float) -> str:
         """Note a speed in device units; the counter to raise if it cannot be."""
-        radps = self.speed.to_wheel(units)
-        if abs(radps) > MAX_RADPS:
+        radps = units / self.speed.units_per_rad
+        if not -MAX_RADPS <= radps <= MAX_RADPS:
             return "implausible_speed"
         self.radps = radps
         return ""

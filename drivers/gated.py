@@ -62,16 +62,16 @@ class GatedDrive:
         """:param stamp_ns: when the command was computed, if earlier than ``now_ns``."""
         left, right = speeds
         permitted = self.gate.permit(left, right, now_ns if stamp_ns is None else stamp_ns, now_ns)
-        self.health.command(*permitted, now_ns)
         if self._trimmed:
             speeds = self.trim.outward(*permitted)
         elif permitted != speeds:
             speeds = WheelSpeeds(*permitted)
         self.inner.write(speeds, now_ns)
+        self.health.command(*permitted)
 
     def poll(self, now_ns: int) -> None:
         if self.gate.tick(now_ns) is not None:
-            self.health.command(*STANDSTILL, now_ns)
+            self.health.command(*STANDSTILL)
             self.inner.write(STANDSTILL, now_ns)
         self.inner.poll(now_ns)
 
@@ -106,7 +106,7 @@ class GatedDrive:
 
     def stop(self, now_ns: int) -> None:
         self.gate.stop(now_ns)
-        self.health.command(*STANDSTILL, now_ns)
+        self.health.command(*STANDSTILL)
         self.inner.stop(now_ns)
 
     def deactivate(self, now_ns: int) -> None:

@@ -31,20 +31,19 @@ class _Wheel:
     def __init__(self, name: str) -> None:
         self.name = name
         self.command_radps = 0.0
-        self._angle_rad: float | None = None
+        self._angle_rad = 0.0
         self._moved_ns = 0
         self._agreed_ns = 0
 
-    def command(self, radps: float, sure_radps: float, now_ns: int) -> None:
-        sure = -sure_radps >= radps or radps >= sure_radps
-        if not sure or radps * self.command_radps <= 0.0:
+    def measured(self, command_radps: float, sure_radps: float, radps: float, angle_rad: float, now_ns: int) -> None:
+        if -sure_radps < command_radps < sure_radps:
+            command_radps = 0.0
+        if command_radps * self.command_radps <= 0.0:
             self._moved_ns = self._agreed_ns = now_ns
-        self.command_radps = radps if sure else 0.0
-
-    def measured(self, radps: float, angle_rad: float, now_ns: int) -> None:
-        if self._angle_rad is None or abs(angle_rad - self._angle_rad) > STEP_RAD:
+        self.command_radps = command_radps
+        if not -STEP_RAD <= angle_rad - self._angle_rad <= STEP_RAD:
             self._angle_rad, self._moved_ns = angle_rad, now_ns
-        if radps * self.command_radps >= 0.0 or abs(radps) < SURE_RADPS:
+        if radps * command_radps >= 0.0 or -SURE_RADPS < radps < SURE_RADPS:
             self._agreed_ns = now_ns
 
     def complaint(self, heard_ns: int) -> Complaint | None:
@@ -75,30 +74,30 @@ class Health:
         self._active = False
         self._heard_ns = 0
         self._volts: float | None = None
+        self._command = (0.0, 0.0)
         self._wheels = (_Wheel("left"), _Wheel("right"))
 
     def start(self, now_ns: int) -> None:
         """The motors were enabled."""
-        self._active, self._heard_ns, self._volts = True, now_ns, None
+        self._active, self._heard_ns, self._volts, self._command = True, now_ns, None, (0.0, 0.0)
         self._wheels = (_Wheel("left"), _Wheel("right"))
 
     def rest(self) -> None:
         """They were disabled."""
         self._active = False
 
-    def command(self, left_radps: float, right_radps: float, now_ns: int) -> None:
-        """What leaves for the wheels."""
-        left, right = self._wheels
-        left.command(left_radps, self._sure_radps, now_ns)
-        right.command(right_radps, self._sure_radps, now_ns)
+    def command(self, left_radps: float, right_radps: float) -> None:
+        """What leaves for the wheels; judged by the samples that follow."""
+        self._command = left_radps, right_radps
 
     def measured(self, sample: WheelFeedback, now_ns: int) -> None:
         """What came back."""
         self._heard_ns = now_ns
         self._volts = sample.bus_v
         left, right = self._wheels
-        left.measured(sample.left_radps, sample.left_rad, now_ns)
-        right.measured(sample.right_radps, sample.right_rad, now_ns)
+        left_radps, right_radps = self._command
+        left.measured(left_radps, self._sure_radps, sample.left_radps, sample.left_rad, now_ns)
+        right.measured(right_radps, self._sure_radps, sample.right_radps, sample.right_rad, now_ns)
 
     def quiet(self, now_ns: int) -> bool:
         """Nothing was heard for half of the time after which the link counts as lost."""

@@ -71,6 +71,7 @@ class Drive(SerialDrive[Options]):
         self._left = WheelScale.of(counts, gear, options.left_inverted)
         self._right = WheelScale.of(counts, gear, options.right_inverted)
         self._left_ticks = self._left.units_per_rad / options.pid_rate_hz
+        self._jump_per_s = 2.0 * site.max_wheel_radps * abs(self._left.units_per_rad)
         self._right_ticks = self._right.units_per_rad / options.pid_rate_hz
         self._odometers = (Odometer(self._left, 32), Odometer(self._right, 32))
         self._history: deque[tuple[int, float, float]] = deque()
@@ -122,17 +123,15 @@ class Drive(SerialDrive[Options]):
         if self._history and now_ns <= self._history[-1][0]:
             return False
         if self._last is not None and self._history:
-            elapsed_s = (now_ns - self._history[-1][0]) * 1e-9
-            bound = 2.0 * self.site.max_wheel_radps * (elapsed_s + 0.1) * abs(self._left.units_per_rad)
-            jump = max(abs(_wrapped(left - self._last[0])), abs(_wrapped(right - self._last[1])))
-            if jump > bound:
+            bound = self._jump_per_s * ((now_ns - self._history[-1][0]) * 1e-9 + 0.1)
+            if abs(_wrapped(left - self._last[0])) > bound or abs(_wrapped(right - self._last[1])) > bound:
                 self.line.counters["implausible_jump"] += 1
                 return False
         self._last = (left, right)
-        angles = self._odometers[0].update(left), self._odometers[1].update(right)
-        self._history.append((now_ns, *angles))
-        while len(self._history) > 2 and now_ns - self._history[1][0] >= self.WINDOW_NS:
-            self._history.popleft()
+        history = self._history
+        history.append((now_ns, self._odometers[0].update(left), self._odometers[1].update(right)))
+        while len(history) > 2 and now_ns - history[1][0] >= self.WINDOW_NS:
+            history.popleft()
         return True
 
 

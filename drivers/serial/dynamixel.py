@@ -133,8 +133,8 @@ class Drive(SerialDrive[Options]):
         self.line.send(request)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
-        for status in self._reader.feed(self.line.receive()):
-            self._take(status)
+        for device, error, data in self._reader.feed(self.line.receive()):
+            self._take(device, error, data)
         left, right = self._servos
         if not (left.fresh and right.fresh):
             return None
@@ -189,35 +189,35 @@ class Drive(SerialDrive[Options]):
         answers: list[bytes] = []
 
         def parse(data: bytes) -> bool:
-            for status in self._reader.feed(data):
-                if status.device == servo.device and len(status.data) == length:
-                    answers.append(status.data)
+            for device, _, content in self._reader.feed(data):
+                if device == servo.device and len(content) == length:
+                    answers.append(content)
             return bool(answers)
 
         return answers[0] if self.line.answer(request, parse, 0.2) else None
 
-    def _take(self, status: codec.Status) -> None:
-        servo = self._by_id.get(status.device)
+    def _take(self, device: int, error: int, data: bytes) -> None:
+        servo = self._by_id.get(device)
         if servo is None:
             self.line.counters["foreign_packet"] += 1
             return
-        servo.alert = bool(status.error & codec.ALERT)
-        error = status.error & 0x7F
-        if error:
-            self.line.counters["refused_" + codec.ERROR_NAMES.get(error, str(error)).replace(" ", "_")] += 1
-        elif len(status.data) == 8:
-            velocity, position = _MOTION.unpack(status.data)
-            radps = servo.goal.to_wheel(velocity)
-            if abs(radps) > MAX_RADPS:
+        servo.alert = error >= codec.ALERT
+        if error & 0x7F:
+            name = codec.ERROR_NAMES.get(error & 0x7F, str(error & 0x7F))
+            self.line.counters["refused_" + name.replace(" ", "_")] += 1
+        elif len(data) == _MOTION.size:
+            velocity, position = _MOTION.unpack(data)
+            radps = velocity / servo.goal.units_per_rad
+            if -MAX_RADPS <= radps <= MAX_RADPS:
+                servo.radps = radps
+                servo.odometer.update(position)
+                servo.fresh = True
+            else:
                 self.line.counters["implausible_speed"] += 1
-                return
-            servo.radps = radps
-            servo.odometer.update(position)
-            servo.fresh = True
-        elif len(status.data) == 2:
-            self.bus_v = min(int.from_bytes(status.data, "little") * 0.1, 100.0)
-        elif len(status.data) == 1:
-            servo.hardware_error = status.data[0]
+        elif len(data) == 2:
+            self.bus_v = min(int.from_bytes(data, "little") * 0.1, 100.0)
+        elif len(data) == 1:
+            servo.hardware_error = data[0]
 
 
 def _faults(servo: _Servo) -> tuple[str, ...]:

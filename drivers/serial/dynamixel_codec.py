@@ -10,7 +10,6 @@ import functools
 import struct
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -22,23 +21,36 @@ ALERT = 0x80
 ERROR_NAMES = {1: "result fail", 2: "instruction", 3: "crc", 4: "data range", 5: "data length", 6: "limit", 7: "access"}
 
 
-def _crc_table() -> tuple[int, ...]:
-    table = []
+def _crc_tables() -> list[list[int]]:
+    """CRC of each byte followed by 0 ... 7 zeros."""
+    first = []
     for index in range(256):
         value = index << 8
         for _ in range(8):
             value = (value << 1) ^ (0x8005 if value & 0x8000 else 0)
-        table.append(value & 0xFFFF)
-    return tuple(table)
+        first.append(value & 0xFFFF)
+    tables = [first]
+    for _ in range(7):
+        tables.append([(value << 8 & 0xFF00) ^ first[value >> 8] for value in tables[-1]])
+    return tables
 
 
-_TABLE = _crc_table()
+_T0, _T1, _T2, _T3, _T4, _T5, _T6, _T7 = _crc_tables()
+_EIGHT = struct.Struct("8B")
 
 
 def crc16(data: bytes, value: int = 0) -> int:
-    """:param value: of the bytes before ``data``."""
-    for byte in data:
-        value = (value << 8 & 0xFF00) ^ _TABLE[value >> 8 ^ byte]
+    """Eight bytes at a time.
+
+    :param value: of the bytes before ``data``.
+    """
+    whole = len(data) & ~7
+    for a, b, c, d, e, f, g, h in _EIGHT.iter_unpack(data[:whole]):
+        value = (
+            _T7[a ^ value >> 8] ^ _T6[b ^ value & 0xFF] ^ _T5[c] ^ _T4[d] ^ _T3[e] ^ _T2[f] ^ _T1[g] ^ _T0[h]
+        )
+    for byte in data[whole:]:
+        value = (value << 8 & 0xFF00) ^ _T0[value >> 8 ^ byte]
     return value
 
 
@@ -92,12 +104,8 @@ class GoalWriter:
         return self._head + tail + crc16(tail, self._crc).to_bytes(2, "little")
 
 
-class Status(NamedTuple):
-    """A status packet: who, what went wrong, what was read."""
-
-    device: int
-    error: int
-    data: bytes
+Status = tuple[int, int, bytes]
+"""A status packet: who, what went wrong, what was read."""
 
 
 class PacketReader:
@@ -111,45 +119,43 @@ class PacketReader:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[Status]:
-        self._buffer += data
+        buffer = self._buffer + data
         packets: list[Status] = []
-        while True:
-            start = self._buffer.find(HEADER)
-            if start < 0:
-                if not self._buffer:
-                    return packets
-                kept = self._buffer[-3:]
-                tail = next((kept[i:] for i in range(len(kept)) if HEADER.startswith(kept[i:])), b"")
-                self._drop(len(self._buffer) - len(tail))
-                return packets
-            if start:
-                self._drop(start)
-            if len(self._buffer) < 7:
-                return packets
-            length = int.from_bytes(self._buffer[5:7], "little")
+        at, size = 0, len(buffer)
+        while at < size:
+            if not buffer.startswith(HEADER, at):
+                start = buffer.find(HEADER, at)
+                if start < 0:
+                    start = size - next((n for n in (3, 2, 1) if n <= size - at and HEADER[:n] == buffer[-n:]), 0)
+                if start > at:
+                    self.counters["stray_bytes"] += start - at
+                    at = start
+                    continue
+                break
+            if size < at + 7:
+                break
+            length = buffer[at + 5] | buffer[at + 6] << 8
             if not 4 <= length <= MAX_LENGTH:
                 self.counters["bad_length"] += 1
-                self._buffer = self._buffer[4:]
+                at += 4
                 continue
-            if len(self._buffer) < 7 + length:
-                return packets
-            whole, crc = self._buffer[: 5 + length], self._buffer[5 + length : 7 + length]
-            body = whole[HEAD_BYTES:]
-            if crc16(body, _crc_of_head(whole[:HEAD_BYTES])) != crc[0] | crc[1] << 8:
+            end = at + 7 + length
+            if size < end:
+                break
+            body = buffer[at + HEAD_BYTES : end - 2]
+            if crc16(body, _crc_of_head(buffer[at : at + HEAD_BYTES])) != buffer[end - 2] | buffer[end - 1] << 8:
                 self.counters["bad_crc"] += 1
-                self._buffer = self._buffer[4:]
+                at += 4
                 continue
-            self._buffer = self._buffer[7 + length :]
-            if whole[7] == STATUS:
-                packets.append(Status(whole[4], whole[8], body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")))
+            if buffer[at + 7] == STATUS:
+                body = body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+                packets.append((buffer[at + 4], buffer[at + 8], body))
             else:
                 self.counters["not_status"] += 1
+            at = end
+        self._buffer = buffer[at:]
+        return packets
 
     def reset(self) -> None:
         """Forget what has arrived: the port was reopened."""
         self._buffer = b""
-
-    def _drop(self, count: int) -> None:
-        if count:
-            self.counters["stray_bytes"] += count
-            self._buffer = self._buffer[count:]

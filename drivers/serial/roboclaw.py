@@ -112,7 +112,7 @@ class Drive(SerialDrive[Options]):
         left, right = saturate(left * self._left.units_per_rad, right * self._right.units_per_rad, SPEED_LIMIT_QPPS)
         m1, m2 = (right, left) if self._swapped else (left, right)
         if self.line.send(codec.speed_both(self.options.address, round(m1), round(m2))):
-            self._replies.expect(codec.SPEED_BOTH, now_ns)
+            self._replies.expect(now_ns, codec.SPEED_BOTH)
 
     def poll(self, now_ns: int) -> None:
         """Ask for telemetry; not while setpoints go unacknowledged, for a read feeds the time-out as well
@@ -123,11 +123,22 @@ class Drive(SerialDrive[Options]):
         self._polls += 1
         which = 1 if self._polls % self.STATUS_EVERY == 1 else 2 if self._polls % self.BATTERY_EVERY == 2 else 0
         commands, packets = self._requests[which]
-        self._send(packets, commands, now_ns)
+        if self.line.send(packets):
+            self._replies.expect(now_ns, *commands)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
         for command, data in self._replies.feed(self.line.receive(), now_ns):
-            self._take(command, data, now_ns)
+            if command == codec.SPEED_BOTH:
+                self._acked_ns = now_ns
+            elif command == codec.GET_ENCODERS:
+                left, right = codec.decode_encoders(data)
+                if self._swapped:
+                    left, right = right, left
+                self._position = self._left_odometer.update(left), self._right_odometer.update(right)
+            elif command == codec.GET_SPEEDS:
+                self._take_speeds(*codec.decode_speeds(data))
+            else:
+                self._take(command, data)
         if self._position is None or self._speed is None:
             return None
         (left_rad, right_rad), (left_radps, right_radps) = self._position, self._speed
@@ -146,7 +157,7 @@ class Drive(SerialDrive[Options]):
 
     def clear_errors(self, now_ns: int) -> None:
         packet = codec.write_packet(self.options.address, codec.RESET_ESTOP)
-        self._send(packet, (codec.RESET_ESTOP,), now_ns)
+        self._send(packet, codec.RESET_ESTOP, now_ns)
 
     def _identify(self, tenths: int) -> None:
         address = self.options.address
@@ -170,47 +181,36 @@ class Drive(SerialDrive[Options]):
         for _ in range(2):
             start_ns = self.line.port.now_ns()
             self._replies.reset()
-            self._receive(start_ns)
-            self._send(packet, (command,), start_ns)
+            self.line.receive()
+            self._send(packet, command, start_ns)
             while (left_s := self.ANSWER_S - (self.line.port.now_ns() - start_ns) * 1e-9) > 0.0:
                 self.line.port.wait(left_s)
-                for reply in self._receive(self.line.port.now_ns()):
-                    if reply.command == command:
-                        return reply.data
+                for answered, data in self._replies.feed(self.line.receive(), self.line.port.now_ns()):
+                    if answered == command:
+                        return data
                 if self._replies.waiting == 0:
                     break
         return None
 
     def _release(self, now_ns: int) -> None:
-        self._send(codec.duty_both(self.options.address, 0, 0), (codec.DUTY_BOTH,), now_ns)
+        self._send(codec.duty_both(self.options.address, 0, 0), codec.DUTY_BOTH, now_ns)
 
-    def _send(self, packet: bytes, commands: tuple[int, ...], now_ns: int) -> None:
+    def _send(self, packet: bytes, command: int, now_ns: int) -> None:
         if self.line.send(packet):
-            for command in commands:
-                self._replies.expect(command, now_ns)
+            self._replies.expect(now_ns, command)
 
-    def _receive(self, now_ns: int) -> list[codec.Reply]:
-        return self._replies.feed(self.line.receive(), now_ns)
+    def _take_speeds(self, m1_qpps: int, m2_qpps: int) -> None:
+        left, right = (m2_qpps, m1_qpps) if self._swapped else (m1_qpps, m2_qpps)
+        left_radps, right_radps = left / self._left.units_per_rad, right / self._right.units_per_rad
+        if -MAX_RADPS <= left_radps <= MAX_RADPS and -MAX_RADPS <= right_radps <= MAX_RADPS:
+            self._speed = left_radps, right_radps
+        else:
+            self.line.counters["implausible_speed"] += 1
 
-    def _take(self, command: int, data: bytes, now_ns: int) -> None:
-        if command == codec.SPEED_BOTH:
-            self._acked_ns = now_ns
-        elif command == codec.GET_ENCODERS:
-            left, right = self._rims(codec.decode_encoders(data))
-            self._position = (self._left_odometer.update(left), self._right_odometer.update(right))
-        elif command == codec.GET_SPEEDS:
-            left, right = self._rims(codec.decode_speeds(data))
-            left_radps, right_radps = left / self._left.units_per_rad, right / self._right.units_per_rad
-            if -MAX_RADPS <= left_radps <= MAX_RADPS and -MAX_RADPS <= right_radps <= MAX_RADPS:
-                self._speed = left_radps, right_radps
-            else:
-                self.line.counters["implausible_speed"] += 1
-        elif command == codec.GET_STATUS:
+    def _take(self, command: int, data: bytes) -> None:
+        if command == codec.GET_STATUS:
             self._faults = codec.decode_status(data)
         elif command == codec.GET_MAIN_BATTERY:
             volts = codec.decode_battery(data)
             if volts <= 100.0:
                 self.bus_v = volts
-
-    def _rims(self, channels: tuple[int, int]) -> tuple[int, int]:
-        return (channels[1], channels[0]) if self._swapped else channels

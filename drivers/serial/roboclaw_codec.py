@@ -14,7 +14,6 @@ import re
 import struct
 from binascii import crc_hqx
 from collections import Counter, deque
-from typing import NamedTuple
 
 SET_TIMEOUT = 14
 GET_TIMEOUT = 15
@@ -112,11 +111,8 @@ def firmware(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in match.groups()) if match else ()
 
 
-class Reply(NamedTuple):
-    """The answer to ``command``; a write's is empty."""
-
-    command: int
-    data: bytes
+Reply = tuple[int, bytes]
+"""Command and answer; a write's is empty."""
 
 
 class Replies:
@@ -148,27 +144,49 @@ class Replies:
         """Replies outstanding."""
         return len(self._pending)
 
-    def expect(self, command: int, now_ns: int) -> None:
-        """A packet was sent; commands without an entry in ``REPLY_BYTES`` are acknowledged writes."""
-        if now_ns >= self._quiet_until_ns:
-            self._pending.append((command, now_ns))
-        elif command != GET_VERSION and command not in REPLY_BYTES:
-            self._late_acks = min(self._late_acks + 1, 8)
+    def expect(self, now_ns: int, *commands: int) -> None:
+        """Packets were sent; commands without an entry in ``REPLY_BYTES`` are acknowledged writes."""
+        for command in commands:
+            if now_ns >= self._quiet_until_ns:
+                self._pending.append((command, now_ns))
+            elif command not in self._seeds:
+                self._late_acks = min(self._late_acks + 1, 8)
 
     def feed(self, data: bytes, now_ns: int) -> list[Reply]:
         """Replies completed by ``data``."""
         if now_ns < self._quiet_until_ns:
             self.counters["discarded_bytes"] += len(data)
             return []
-        self._buffer += data
+        buffer = self._buffer + data
         replies: list[Reply] = []
         pending = self._pending
-        while pending and self._buffer:
-            reply = self._next(pending[0][0], now_ns)
-            if reply is None:
-                break
+        at, size = 0, len(buffer)
+        while pending and at < size:
+            command = pending[0][0]
+            if command not in self._seeds:
+                if buffer[at] != ACK:
+                    self._resynchronise("bad_ack", now_ns)
+                    return replies
+                end, body = at + 1, b""
+            else:
+                last = at + (REPLY_BYTES.get(command) or _version_bytes(buffer, at))
+                end = last + 2
+                if size < end:
+                    break
+                body = buffer[at:last]
+                if crc_hqx(body, self._seeds[command]) != buffer[last] << 8 | buffer[last + 1]:
+                    if self._late_acks and buffer[at] == ACK:
+                        self._late_acks -= 1
+                        self.counters["late_ack"] += 1
+                        at += 1
+                        continue
+                    self._resynchronise("bad_crc", now_ns)
+                    return replies
+                self._late_acks = 0
+            at = end
             pending.popleft()
-            replies.append(reply)
+            replies.append((command, body))
+        self._buffer = buffer[at:]
         if not pending:
             if self._buffer:
                 self.counters["stray_bytes"] += len(self._buffer)
@@ -184,39 +202,15 @@ class Replies:
         self._quiet_until_ns = 0
         self._late_acks = 0
 
-    def _next(self, command: int, now_ns: int) -> Reply | None:
-        buffer = self._buffer
-        length = REPLY_BYTES.get(command, 0)
-        if command == GET_VERSION:
-            end = buffer.find(0, 0, MAX_VERSION)
-            length = end + 1 if end >= 0 else MAX_VERSION
-        elif not length:
-            return self._ack(command, now_ns)
-        if len(buffer) < length + 2:
-            return None
-        data = buffer[:length]
-        if crc_hqx(data, self._seeds[command]) == buffer[length] << 8 | buffer[length + 1]:
-            self._buffer = buffer[length + 2 :]
-            self._late_acks = 0
-            return Reply(command, data)
-        if self._late_acks and buffer[0] == ACK:
-            self._late_acks -= 1
-            self._buffer = self._buffer[1:]
-            self.counters["late_ack"] += 1
-            return self._next(command, now_ns)
-        self._resynchronise("bad_crc", now_ns)
-        return None
-
-    def _ack(self, command: int, now_ns: int) -> Reply | None:
-        if self._buffer[0] != ACK:
-            self._resynchronise("bad_ack", now_ns)
-            return None
-        self._buffer = self._buffer[1:]
-        return Reply(command, b"")
-
     def _resynchronise(self, reason: str, now_ns: int) -> None:
         self.counters[reason] += 1
         self._pending.clear()
         self._buffer = b""
         self._late_acks = 0
         self._quiet_until_ns = now_ns + self.QUIET_NS
+
+
+def _version_bytes(buffer: bytes, start: int) -> int:
+    """Length of a version's text with the zero that ends it."""
+    end = buffer.find(0, start, start + MAX_VERSION)
+    return end + 1 - start if end >= 0 else MAX_VERSION

@@ -40,16 +40,15 @@ COMMANDS = (codec.SPEED_BOTH, codec.GET_ENCODERS, codec.GET_SPEEDS)
 
 def expecting(*commands: int) -> codec.Replies:
     replies = codec.Replies(ADDRESS)
-    for command in commands:
-        replies.expect(command, 0)
+    replies.expect(0, *commands)
     return replies
 
 
 def test_replies_whole_byte_by_byte_and_with_trailing_junk() -> None:
     whole = expecting(*COMMANDS).feed(STREAM, 1)
-    assert [entry.command for entry in whole] == list(COMMANDS)
-    assert codec.decode_encoders(whole[1].data) == (5, 2**32 - 7)
-    assert codec.decode_speeds(whole[2].data) == (-9, 9)
+    assert [command for command, _ in whole] == list(COMMANDS)
+    assert codec.decode_encoders(whole[1][1]) == (5, 2**32 - 7)
+    assert codec.decode_speeds(whole[2][1]) == (-9, 9)
     single = expecting(*COMMANDS)
     assert [entry for byte in STREAM for entry in single.feed(bytes((byte,)), 1)] == whole
     junk = expecting(*COMMANDS)
@@ -62,7 +61,7 @@ def test_replies_in_any_chunks(cuts: list[int]) -> None:
     replies = expecting(*COMMANDS)
     bounds = [0, *sorted(cuts), len(STREAM)]
     taken = [r for a, b in pairwise(bounds) for r in replies.feed(STREAM[a:b], 1)]
-    assert [entry.command for entry in taken] == list(COMMANDS)
+    assert [command for command, _ in taken] == list(COMMANDS)
     assert not replies.counters
 
 
@@ -87,8 +86,8 @@ def test_one_flipped_bit_never_yields_a_wrong_reply(bit: int) -> None:
 def test_any_bytes_are_survived(data: bytes, commands: list[int]) -> None:
     replies = expecting(*commands)
     for now_ns, byte in enumerate(data):
-        for entry in replies.feed(bytes((byte,)), now_ns):
-            assert entry.command in commands
+        for command, _ in replies.feed(bytes((byte,)), now_ns):
+            assert command in commands
 
 
 def test_resynchronisation_waits_for_quiet_then_pairs_afresh() -> None:
@@ -96,23 +95,23 @@ def test_resynchronisation_waits_for_quiet_then_pairs_afresh() -> None:
     assert replies.feed(b"\x00" + STREAM, 1) == []
     assert replies.counters == {"bad_ack": 1}
     assert replies.quiet(2)
-    replies.expect(codec.SPEED_BOTH, 3)
+    replies.expect(3, codec.SPEED_BOTH)
     assert replies.feed(b"\xff", 4) == []
     assert replies.counters["discarded_bytes"] == 1
     later = 1 + replies.QUIET_NS
     assert not replies.quiet(later)
-    replies.expect(codec.GET_ENCODERS, later)
-    assert [e.command for e in replies.feed(reply(codec.GET_ENCODERS, ENCODERS), later)] == [codec.GET_ENCODERS]
+    replies.expect(later, codec.GET_ENCODERS)
+    assert [command for command, _ in replies.feed(reply(codec.GET_ENCODERS, ENCODERS), later)] == [codec.GET_ENCODERS]
 
 
 def test_an_acknowledgement_that_outlives_the_quiet_time_is_skipped() -> None:
     replies = expecting(codec.SPEED_BOTH)
     replies.feed(b"\x00", 1)
-    replies.expect(codec.SPEED_BOTH, 2)
+    replies.expect(2, codec.SPEED_BOTH)
     later = 1 + replies.QUIET_NS
-    replies.expect(codec.GET_ENCODERS, later)
+    replies.expect(later, codec.GET_ENCODERS)
     taken = replies.feed(b"\xff" + reply(codec.GET_ENCODERS, ENCODERS), later + 1)
-    assert [entry.command for entry in taken] == [codec.GET_ENCODERS]
+    assert [command for command, _ in taken] == [codec.GET_ENCODERS]
     assert replies.counters["late_ack"] == 1
 
 
