@@ -305,11 +305,12 @@ def table_of(arena: Arena) -> dict[str, Any]:
 def digest(arena: Arena) -> str:
     """Twelve hexadecimal digits that differ whenever two resolved arena files differ in what robots must agree on.
 
-    Left out: how software gets to a robot, and where each computer keeps its certificates.
+    Left out: how software gets to a robot, where each computer keeps its certificates, where the router listens.
     """
     table = table_of(arena)
     del table["deploy"]
-    table["link"].pop("keys", None)
+    for name in ("keys", "listen"):
+        table["link"].pop(name, None)
     for robot in table["robots"].values():
         del robot["host"]
     return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()[:12]
