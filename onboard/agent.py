@@ -29,8 +29,8 @@ from onboard import unicycle
 from onboard.ahdc.controller import Controller, LinkWord
 from onboard.ahdc.parameters import from_arena
 from onboard.ahdc.plan import Motion
-from onboard.ahdc.view import View
-from onboard.cut import Other, cut_bounds, limit_cut
+from onboard.ahdc.view import View, record
+from onboard.cut import cut_bounds, limit_cut
 from onboard.failsafes import Conditions
 from onboard.homing import Home, Homing
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
@@ -88,6 +88,8 @@ class Agent:
         self._odometry = Odometry(self._separation_m)
         self._motion = MotionCheck(arena.safety, self._separation_m)
         self._resets = 0
+        self._moved: tuple[int, BodyPose] | None = None
+        """Newest valid pose not yet compared with the wheels, and its time."""
         self._frame: MocapFrame | None = None
         self._frame_arrival_ns = 0
         self._advancing = False
@@ -226,12 +228,14 @@ class Agent:
             self.controller.think(view)
         decision = self.homing.decide(view) if self._going_home else self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
-        around = [Neighbour(s.x_m, s.y_m, s.vx_mps, s.vy_mps, s.age_s) for s in sighted.values()]
+        heard = view.heard
+        around = [
+            record(Neighbour, (x_m, y_m, vx_mps, vy_mps, age_s, heard[name].age_s if name in heard else 0.0))
+            for name, (x_m, y_m, vx_mps, vy_mps, age_s, _) in sighted.items()
+        ]
         place = (pose.x_m, pose.y_m, pose.heading_rad)
         limited = limit(speed, turn, place, (left, right), around, self._bounds)
-        silences = (view.heard[name].age_s if name in view.heard else 0.0 for name in sighted)
-        others = [Other(*near, silence) for near, silence in zip(around, silences, strict=True)]
-        cut = limit_cut(limited.v_mps, limited.omega_radps, place, (left, right), others, self._cut_bounds)
+        cut = limit_cut(limited.v_mps, limited.omega_radps, place, (left, right), around, self._cut_bounds)
         waits = cut.by or limited.by or decision.waits
         rims = (0.0, 0.0)
         if verdict.may_move and verdict.enable:
@@ -257,6 +261,7 @@ class Agent:
 
     def think(self) -> None:
         """After a step's command is out: tasks and links for the next one, and the record of this one."""
+        self._judge_motion()
         view, self._view = self._view, None
         if view is None:
             return
@@ -307,10 +312,18 @@ class Agent:
         return self.pacing.frame(frame.session, frame.frame, frame.rate_hz)
 
     def _look_at_motion(self, body: BodyPose | None, stamp_ns: int) -> None:
+        """Begin anew at once where the pose breaks off; a good one waits until :meth:`think`."""
         if body is None or not body.valid or body.resets != self._resets:
             self._resets = body.resets if body is not None else self._resets
+            self._moved = None
             self._motion.forget()
-        elif self._driver_active:
+        else:
+            self._moved = (stamp_ns, body)
+
+    def _judge_motion(self) -> None:
+        moved, self._moved = self._moved, None
+        if moved is not None and self._driver_active:
+            stamp_ns, body = moved
             self._motion.pose(stamp_ns, Pose(body.x_m, body.y_m, body.heading_rad))
 
     def _on_state(self, state: NeighbourState, now_ns: int) -> None:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from contract.arena import Arena
 from contract.margins import SLACK_S, contact_m
-from onboard.limits import REST_MPS, Bounds, Limited, bounds_of, respond, roll_m, stop_m
+from onboard.limits import REST_MPS, Bounds, Limited, Neighbour, bounds_of, respond, roll_m, stop_m
 
 HALVINGS = 8
 MAX_AGE_S = 0.5
@@ -51,19 +51,6 @@ class CutBounds(NamedTuple):
         return way_m + self.coast_m(after_mps)
 
 
-class Other(NamedTuple):
-    """Another robot as last seen, and since when it says nothing."""
-
-    x_m: float
-    y_m: float
-    vx_mps: float
-    vy_mps: float
-    age_s: float
-    """Of the pose."""
-    silence_s: float
-    """Age of its newest message; 0 where it has never spoken."""
-
-
 def cut_bounds(arena: Arena) -> CutBounds:
     """The rule's constants of an arena file."""
     return CutBounds(
@@ -80,7 +67,7 @@ def limit_cut(
     omega_radps: float,
     pose: tuple[float, float, float],
     wheels_mps: tuple[float, float],
-    others: Sequence[Other],
+    others: Sequence[Neighbour],
     bounds: CutBounds,
 ) -> Limited:
     """The largest share of a velocity, curve kept, from which a cut robot reaches nobody and no edge.
@@ -90,11 +77,17 @@ def limit_cut(
     """
     if v_mps == 0.0:
         return Limited(v_mps, omega_radps, "")
-    course = _Course(v_mps, omega_radps, pose, wheels_mps, bounds)
+    course = _Course(v_mps, omega_radps, wheels_mps, bounds)
+    x, y, heading_rad = pose
+    walls = _walls(x, y, course.most_m, bounds)
+    near = _near(x, y, course.most_m, others, bounds)
+    if not (walls or near):
+        return Limited(v_mps, omega_radps, "")
+    course.aim(heading_rad)
     share, by = 1.0, ""
-    for room_m, braking, name in _rooms(course, others):
-        if course.rolled_m(1.0, braking) > room_m and (part := course.share(max(0.0, room_m), braking)) < share:
-            share, by = part, name
+    for room_m, braking, name in _rooms(course, walls, near):
+        if share > 0.0 and course.rolled_m(share, braking) > room_m:
+            share, by = course.share(room_m, braking), name
     if not by:
         return Limited(v_mps, omega_radps, "")
     moving = max(abs(wheels_mps[0]), abs(wheels_mps[1])) > REST_MPS
@@ -104,34 +97,43 @@ def limit_cut(
 class _Course:
     """Where a robot that is cut right after this command may get to."""
 
-    def __init__(
-        self,
-        v_mps: float,
-        omega_radps: float,
-        pose: tuple[float, float, float],
-        wheels_mps: tuple[float, float],
-        bounds: CutBounds,
-    ) -> None:
-        sign = 1.0 if v_mps > 0 else -1.0
+    def __init__(self, v_mps: float, omega_radps: float, wheels_mps: tuple[float, float], bounds: CutBounds) -> None:
         half_m = bounds.brake.separation_m / 2
-        self.bounds, self.pose = bounds, pose
-        self.heading_rad = pose[2] if sign > 0 else pose[2] + math.pi
-        commands = (v_mps - half_m * omega_radps, v_mps + half_m * omega_radps)
-        self._commands = tuple(max(0.0, sign * command) for command in commands)
-        self._speeds = tuple(max(0.0, sign * speed) for speed in wheels_mps)
-        self.committed_m = sum(bounds.roll_m(speed, speed) for speed in self._speeds) / 2
-        weak = bounds.brake.deceleration_mps2[0], bounds.brake.lag_s[1]
-        self.braking_m = sum(stop_m(speed, *weak) for speed in self._speeds) / 2
+        left, right = wheels_mps
+        left_to, right_to = v_mps - half_m * omega_radps, v_mps + half_m * omega_radps
+        self._turning = (left_to, right_to, right - left)
+        self._backwards = v_mps < 0.0
+        if self._backwards:
+            left, right, left_to, right_to = -left, -right, -left_to, -right_to
+        self.bounds = bounds
+        self._wheels = (
+            (left if left > 0.0 else 0.0, left_to if left_to > 0.0 else 0.0),
+            (right if right > 0.0 else 0.0, right_to if right_to > 0.0 else 0.0),
+        )
+        """Measured and asked rim speed along the way, left and right."""
         self.most_m = self.rolled_m(1.0, False)
-        turn = _turn_rad(sign * commands[0], sign * commands[1], half_m, bounds) / 2 * sign
-        lasting = (wheels_mps[1] - wheels_mps[0]) / (2 * half_m) * bounds.brake.lag_s[1]
-        self.left_rad = max(0.0, turn) + max(0.0, lasting)
-        self.right_rad = max(0.0, -turn) + max(0.0, -lasting)
+
+    def aim(self, heading_rad: float) -> None:
+        """What is only needed with something near: directions, and the ways it is already committed to."""
+        bounds, (left_to, right_to, difference) = self.bounds, self._turning
+        weak_mps2, slow_s = bounds.brake.deceleration_mps2[0], bounds.brake.lag_s[1]
+        (left, _), (right, _) = self._wheels
+        self.heading_rad = heading_rad + math.pi if self._backwards else heading_rad
+        self.committed_m = (
+            left * bounds.standing_s + bounds.coast_m(left) + right * bounds.standing_s + bounds.coast_m(right)
+        ) / 2
+        self.braking_m = (stop_m(left, weak_mps2, slow_s) + stop_m(right, weak_mps2, slow_s)) / 2
+        separation_m = bounds.brake.separation_m
+        turn = _turn_rad(left_to, right_to, bounds) / 2
+        lasting = difference / separation_m * slow_s
+        self._left_rad = max(0.0, turn) + max(0.0, lasting)
+        self._right_rad = max(0.0, -turn) + max(0.0, -lasting)
 
     def off_rad(self, away_x: float, away_y: float) -> float:
         """Angle between that direction and the nearest one the robot may take."""
         off = math.remainder(math.atan2(away_y, away_x) - self.heading_rad, math.tau)
-        return max(0.0, off - self.left_rad) if off >= 0.0 else max(0.0, -off - self.right_rad)
+        off = off - self._left_rad if off >= 0.0 else -off - self._right_rad
+        return off if off > 0.0 else 0.0
 
     def share(self, room_m: float, braking: bool) -> float:
         """Largest f in [0, 1] such that f times the command, then cut or brake, rolls at most that far."""
@@ -146,68 +148,96 @@ class _Course:
 
     def rolled_m(self, share: float, braking: bool) -> float:
         """Way after that share of the command, followed by a brake or a cut."""
-        pairs = zip(self._speeds, self._commands, strict=True)
+        (left, left_to), (right, right_to) = self._wheels
         if braking:
-            return sum(roll_m(speed, share * command, self.bounds.brake) for speed, command in pairs) / 2
-        return sum(self.bounds.roll_m(speed, share * command) for speed, command in pairs) / 2
+            brake = self.bounds.brake
+            return (roll_m(left, share * left_to, brake) + roll_m(right, share * right_to, brake)) / 2
+        roll = self.bounds.roll_m
+        return (roll(left, share * left_to) + roll(right, share * right_to)) / 2
 
 
-def _turn_rad(left_mps: float, right_mps: float, half_m: float, bounds: CutBounds) -> float:
+def _turn_rad(left_mps: float, right_mps: float, bounds: CutBounds) -> float:
     """Angle turned to the left by these rim speeds: kept for T, then both wheels coast to rest."""
-    coasted_m = [math.copysign(bounds.coast_m(speed), speed) for speed in (left_mps, right_mps)]
-    return ((right_mps - left_mps) * bounds.standing_s + coasted_m[1] - coasted_m[0]) / (2 * half_m)
+    left_m = math.copysign(bounds.coast_m(left_mps), left_mps)
+    right_m = math.copysign(bounds.coast_m(right_mps), right_mps)
+    return ((right_mps - left_mps) * bounds.standing_s + right_m - left_m) / bounds.brake.separation_m
 
 
-def _rooms(course: _Course, others: Sequence[Other]) -> list[tuple[float, bool, str]]:
-    """(how far this robot may roll, m, braking or else cut, what is there) of everything in the way."""
-    bounds, (x, y, _) = course.bounds, course.pose
+Wall = tuple[float, float, float]
+"""Direction x and y, and the gap to the edge of the floor, m."""
+
+Near = tuple[float, float, float, float, float, float, bool]
+"""Way to it x and y, m; distance m; its speed and how fast it comes nearer, m/s; age of its pose, s; it is silent."""
+
+Found = tuple[float, bool, str]
+"""How far this robot may roll, m, braking or else cut, and what is there."""
+
+
+def _walls(x: float, y: float, most_m: float, bounds: CutBounds) -> list[Wall]:
+    """The sides of the floor within reach."""
     low_x, low_y, high_x, high_y = bounds.brake.fence
-    found: list[tuple[float, bool, str]] = []
-    for away, gap_m in (
-        ((-1.0, 0.0), x - low_x),
-        ((0.0, -1.0), y - low_y),
-        ((1.0, 0.0), high_x - x),
-        ((0.0, 1.0), high_y - y),
-    ):
-        gap_m += bounds.beyond_fence_m
-        if gap_m < course.most_m and (off := course.off_rad(*away)) < math.pi / 2:
+    reach_m = most_m - bounds.beyond_fence_m
+    if x - low_x >= reach_m and y - low_y >= reach_m and high_x - x >= reach_m and high_y - y >= reach_m:
+        return []
+    sides = ((-1.0, 0.0, x - low_x), (0.0, -1.0, y - low_y), (1.0, 0.0, high_x - x), (0.0, 1.0, high_y - y))
+    return [(away_x, away_y, gap_m + bounds.beyond_fence_m) for away_x, away_y, gap_m in sides if gap_m < reach_m]
+
+
+def _near(x: float, y: float, most_m: float, others: Sequence[Neighbour], bounds: CutBounds) -> list[Near]:
+    """The other robots that may be met."""
+    _, standing_s, coast_mps2, touching_m, _ = bounds
+    near: list[Near] = []
+    for other_x, other_y, vx, vy, age_s, silence_s in others:
+        away_x, away_y = other_x - x, other_y - y
+        distance_m = math.hypot(away_x, away_y)
+        speed = math.hypot(vx, vy)
+        if not age_s > 0.0:
+            age_s = 0.0
+        elif age_s > MAX_AGE_S:
+            age_s = MAX_AGE_S
+        silent = silence_s > standing_s
+        cut_m = speed * speed / (2.0 * coast_mps2) + (0.0 if silent else speed * standing_s)
+        if distance_m - touching_m - cut_m - speed * age_s < 2.0 * most_m:
+            closing = -(vx * away_x + vy * away_y) / distance_m if distance_m > 0.0 else speed
+            near.append((away_x, away_y, distance_m, speed, closing, age_s, silent))
+    return near
+
+
+def _rooms(course: _Course, walls: list[Wall], near: list[Near]) -> list[Found]:
+    """What is in the way."""
+    found: list[Found] = []
+    for away_x, away_y, gap_m in walls:
+        off = course.off_rad(away_x, away_y)
+        if off < math.pi / 2:
             found.append((max(0.0, gap_m) / max(1e-9, math.cos(off)), False, "fence"))
-    for other in others:
-        found += _rooms_before(course, other)
+    for other in near:
+        off = course.off_rad(other[0], other[1])
+        if off < math.pi / 2:
+            _rooms_before(course, other, off, found)
     return found
+
+
+def _rooms_before(course: _Course, other: Near, off_rad: float, found: list[Found]) -> None:
+    """Before one other robot: cut while it brakes, and braking while it is cut."""
+    bounds = course.bounds
+    (weak_mps2, strong_mps2), (quick_s, slow_s) = bounds.brake.deceleration_mps2, bounds.brake.lag_s
+    _, _, distance_m, speed, closing, age_s, silent = other
+    lateral_m, touching_m = distance_m * math.sin(off_rad), bounds.contact_m
+    touch_m = distance_m * math.cos(off_rad) - math.sqrt(max(0.0, touching_m * touching_m - lateral_m * lateral_m))
+    gap_m = touch_m - max(0.0, closing) * age_s
+    if not silent and lateral_m < touching_m + stop_m(speed, weak_mps2, slow_s) + speed * age_s:
+        stopping_m = stop_m(closing, weak_mps2, slow_s) if closing > 0.0 else -stop_m(-closing, strong_mps2, quick_s)
+        found.append((_share_m(gap_m - stopping_m, course.committed_m), False, "separation"))
+    if closing > REST_MPS:
+        miss_m = math.sqrt(max(0.0, speed * speed - closing * closing)) / speed * distance_m
+        if miss_m < touching_m + course.braking_m:
+            coming_m = bounds.coast_m(closing) + (0.0 if silent else closing * bounds.standing_s)
+            found.append((_share_m(gap_m - coming_m, course.braking_m), True, "separation"))
 
 
 def _share_m(left_m: float, committed_m: float) -> float:
-    """Half of what is left beyond the way already committed to; all that is left where that is less."""
-    return min(left_m, (left_m + committed_m) / 2)
-
-
-def _rooms_before(course: _Course, other: Other) -> list[tuple[float, bool, str]]:
-    """The same before one other robot: cut while it brakes, and braking while it is cut."""
-    bounds = course.bounds
-    strong = bounds.brake.deceleration_mps2[1], bounds.brake.lag_s[0]
-    weak = bounds.brake.deceleration_mps2[0], bounds.brake.lag_s[1]
-    away_x, away_y = other.x_m - course.pose[0], other.y_m - course.pose[1]
-    distance_m = math.hypot(away_x, away_y)
-    speed = math.hypot(other.vx_mps, other.vy_mps)
-    age_s = min(max(other.age_s, 0.0), MAX_AGE_S)
-    closing = -(other.vx_mps * away_x + other.vy_mps * away_y) / distance_m if distance_m > 0.0 else speed
-    silent = other.silence_s > bounds.standing_s
-    cut_m = bounds.coast_m(speed) + (0.0 if silent else speed * bounds.standing_s)
-    if distance_m - bounds.contact_m - cut_m - speed * age_s >= 2.0 * course.most_m:
-        return []
-    off = course.off_rad(away_x, away_y)
-    if off >= math.pi / 2:
-        return []
-    lateral_m, touching_m = distance_m * math.sin(off), bounds.contact_m
-    touch_m = distance_m * math.cos(off) - math.sqrt(max(0.0, touching_m * touching_m - lateral_m * lateral_m))
-    gap_m = touch_m - max(0.0, closing) * age_s
-    found: list[tuple[float, bool, str]] = []
-    if not silent and lateral_m < touching_m + stop_m(speed, *weak) + speed * age_s:
-        stopping_m = stop_m(closing, *weak) if closing > 0.0 else -stop_m(-closing, *strong)
-        found.append((_share_m(gap_m - stopping_m, course.committed_m), False, "separation"))
-    miss_m = math.sqrt(max(0.0, speed * speed - closing * closing)) / speed * distance_m if speed > 0.0 else 0.0
-    if closing > REST_MPS and miss_m < touching_m + course.braking_m:
-        coming_m = bounds.coast_m(closing) + (0.0 if silent else closing * bounds.standing_s)
-        found.append((_share_m(gap_m - coming_m, course.braking_m), True, "separation"))
-    return found
+    """Half of what is left beyond the way already committed to; all that is left where that is less; never negative."""
+    share_m = (left_m + committed_m) / 2
+    if left_m < share_m:
+        share_m = left_m
+    return share_m if share_m > 0.0 else 0.0

@@ -52,6 +52,9 @@ class Neighbour(NamedTuple):
     vx_mps: float
     vy_mps: float
     age_s: float
+    """Of the pose."""
+    silence_s: float = 0.0
+    """Age of its newest message; 0 where it has never spoken."""
 
 
 class Limited(NamedTuple):
@@ -95,9 +98,11 @@ def respond(
     error = v_mps - command_mps
     knee = acceleration_mps2 * lag_s
     distance = 0.0
-    if abs(error) > knee:
-        ramp_s = min(time_s, (abs(error) - knee) / acceleration_mps2)
-        slope = -math.copysign(acceleration_mps2, error)
+    if error > knee or -error > knee:
+        slope, beyond = (-acceleration_mps2, error - knee) if error > 0.0 else (acceleration_mps2, -error - knee)
+        ramp_s = beyond / acceleration_mps2
+        if ramp_s > time_s:
+            ramp_s = time_s
         distance = v_mps * ramp_s + slope * ramp_s * ramp_s / 2
         v_mps += slope * ramp_s
         time_s -= ramp_s
@@ -126,7 +131,7 @@ def limit(
     omega_radps: float,
     pose: tuple[float, float, float],
     wheels_mps: tuple[float, float],
-    neighbours: Sequence[Neighbour | tuple[float, float, float, float, float]],
+    neighbours: Sequence[Neighbour],
     bounds: Bounds,
 ) -> Limited:
     """The nearest velocity on the same curve that the fence and the neighbours allow.
@@ -265,7 +270,7 @@ def _walls(x: float, y: float, fence: tuple[float, float, float, float], most_m:
 def _robots(
     x: float,
     y: float,
-    neighbours: Sequence[Neighbour | tuple[float, float, float, float, float]],
+    neighbours: Sequence[Neighbour],
     bounds: Bounds,
     most_m: float,
 ) -> list[Obstacle]:
@@ -273,7 +278,7 @@ def _robots(
     (weak, strong), (_, slow) = bounds.deceleration_mps2, bounds.lag_s
     min_distance_m = bounds.min_distance_m
     near: list[Obstacle] = []
-    for other_x, other_y, vx, vy, age_s in neighbours:
+    for other_x, other_y, vx, vy, age_s, _ in neighbours:
         away_x, away_y = other_x - x, other_y - y
         distance = math.hypot(away_x, away_y)
         closing = -(vx * away_x + vy * away_y) / distance if distance > 0 else math.hypot(vx, vy)

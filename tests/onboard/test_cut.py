@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from onboard.ahdc.stopping import Brake, rim_after
-from onboard.cut import CutBounds, Other, cut_bounds, limit_cut
+from onboard.cut import CutBounds, cut_bounds, limit_cut
 from onboard.limits import Bounds, Neighbour, limit
 from tests.onboard.samples import arena
 
@@ -55,7 +55,7 @@ def test_the_way_of_a_cut_robot_is_that_of_the_fine_integration(speed: float, co
     st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
     st.lists(
         st.builds(
-            Other,
+            Neighbour,
             st.floats(0, 4), st.floats(0, 5), st.floats(-1, 1), st.floats(-1, 1), st.floats(0, 1), st.floats(0, 1),
         ),
         max_size=4,
@@ -72,7 +72,7 @@ def test_the_rule_only_shrinks_and_a_zero_passes(v, omega, pose, wheels, others)
 
 @pytest.mark.parametrize("gap_m", [0.05, 0.2, 0.4, 0.6, 0.8])
 def test_towards_a_robot_at_rest_a_cut_ends_before_it(gap_m: float) -> None:
-    ahead = [Other(0.145 + gap_m, 0.0, 0.0, 0.0, 0.0, 0.0)]
+    ahead = [Neighbour(0.145 + gap_m, 0.0, 0.0, 0.0, 0.0, 0.0)]
     speed = 0.8
     for _ in range(60):
         speed = limit_cut(0.8, 0.0, (0.0, 0.0, 0.0), (speed, speed), ahead, BOUNDS).v_mps
@@ -82,7 +82,7 @@ def test_towards_a_robot_at_rest_a_cut_ends_before_it(gap_m: float) -> None:
 
 def test_what_is_beside_or_behind_does_not_slow() -> None:
     for place in ((0.0, 0.2), (-0.2, 0.0), (0.4, 0.2), (-0.1, -0.15)):
-        others = [Other(*place, 0.0, 0.0, 0.0, 0.0)]
+        others = [Neighbour(*place, 0.0, 0.0, 0.0, 0.0)]
         assert limit_cut(0.8, 0.0, (0.0, 0.0, 0.0), (0.8, 0.8), others, BOUNDS).by == ""
     bounds = BOUNDS._replace(brake=BRAKE._replace(fence=(0.0, 0.0, 4.0, 5.0)))
     assert limit_cut(0.8, 0.0, (3.6, 2.5, math.pi), (0.8, 0.8), [], bounds).by == ""
@@ -90,9 +90,9 @@ def test_what_is_beside_or_behind_does_not_slow() -> None:
 
 
 def test_a_silent_neighbour_is_expected_to_coast_not_to_brake() -> None:
-    coming = Other(0.45, 0.0, -0.5, 0.0, 0.0, 0.3)
+    coming = Neighbour(0.45, 0.0, -0.5, 0.0, 0.0, 0.3)
     own = (0.0, 0.0, 0.0)
-    braking = limit(0.6, 0.0, own, (0.3, 0.3), [Neighbour(*coming[:5])], BRAKE)
+    braking = limit(0.6, 0.0, own, (0.3, 0.3), [coming], BRAKE)
     assert limit_cut(0.6, 0.0, own, (0.3, 0.3), [coming], BOUNDS).v_mps < braking.v_mps
 
 
@@ -144,7 +144,7 @@ def chase(seed: int, cut_rule: bool) -> float:
             limited = limit(v, omega, pose, rims, [Neighbour(*near)], BRAKE)
             if cut_rule:
                 silence = now - spoke_s if index == 1 else 0.0
-                limited = limit_cut(limited.v_mps, limited.omega_radps, pose, rims, [Other(*near, silence)], BOUNDS)
+                limited = limit_cut(limited.v_mps, limited.omega_radps, pose, rims, [Neighbour(*near, silence)], BOUNDS)
             half = limited.omega_radps * 0.055
             own.command = (limited.v_mps - half, limited.v_mps + half)
         for body in bodies:
