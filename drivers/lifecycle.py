@@ -58,26 +58,32 @@ class Wheels:
         self._listener = listener
         self._line = LineCheck()
         self._retry_ns = 0
+        self._faulty = False
+        """It has failed, or named a fault, since it was opened."""
+        self._again = False
         self._reported: tuple[str, ...] = ()
 
     def open(self, now_ns: int, again: bool = False) -> bool:
-        """Configure, at intervals; a fault is told to the listener, success clears it.
+        """Configure, at intervals; a fault is told to the listener, success clears it, and the controller's errors.
 
-        :param again: start over although the port works: the fault was the controller's own.
+        :param again: the robot was released just now: start over, also at a later call, if the controller has named a
+            fault, although the port works.
         """
-        if (self.ready and not again) or now_ns < self._retry_ns:
+        self._again = self._again or (again and self._faulty)
+        if self.active or (self.ready and not self._again) or now_ns < self._retry_ns:
             return self.ready
         self.ready = False
         self._retry_ns = now_ns + REOPEN_NS
         try:
             self.driver.close()
             self.driver.configure()
-            if again:
+            if self._faulty:
                 self.driver.clear_errors(now_ns)
         except DriverError as error:
             self._listener.driver_fault(str(error), error.remedy, now_ns)
             return False
         self.ready = True
+        self._faulty = self._again = False
         self._reported = ()
         self._listener.driver_fault("", "", now_ns)
         return True
@@ -129,6 +135,7 @@ class Wheels:
 
     def _name_faults(self, sample: WheelFeedback, now_ns: int) -> None:
         if sample.faults and sample.faults != self._reported:
+            self._faulty = True
             error = self.driver.reported(sample)
             self._listener.driver_fault(str(error), error.remedy, now_ns)
         self._reported = sample.faults
@@ -164,6 +171,7 @@ class Wheels:
             except DriverError:
                 continue
         self.ready = False
+        self._faulty = True
         self._retry_ns = now_ns + REOPEN_NS
         self._set_active(False, now_ns)
         self._listener.driver_fault(str(error), error.remedy, now_ns)

@@ -1,12 +1,14 @@
 """The fault matrix's rows: what is spoilt, where, and what must follow by when. Pure.
 
 ``zero_s`` bounds the time from the fault to the last stretch of zero setpoints (or released motors) that the emulated
-controller decoded; ``rest_s`` the time to a body at rest; the distance rolled must stay below
-:func:`allowed_m`. Rows with ``zero_s`` None are faults that must *not* stop a robot.
+controller decoded; the distance rolled must stay below :func:`allowed_m`. Rows with ``zero_s`` None are faults that
+must *not* stop a robot (``goes on``), or that no program can undo (``named``): a failsafe must name these.
 """
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import msgspec
 
 from contract.arena import Arena
 from contract.margins import cut_m, stopping_m
@@ -16,11 +18,15 @@ from groundstation.lockstep import World
 from groundstation.wire import Wire
 from mocap_bridge.mock.script import Fault
 
-Action = Literal["HOLD", "STOP", "FAULT", "CUT", "goes on"]
+Action = Literal["HOLD", "STOP", "FAULT", "CUT", "goes on", "named"]
+ENDS: dict[Action, str] = {"STOP": "stopped", "FAULT": "fault"}
+"""Run state that a robot is left in."""
 LASTS_S = 2.5
 """A fault lasts to the end of what is looked at."""
 AGE_S = 0.08
 """The oldest pose or message of the field conditions."""
+PAUSE_S = 0.5
+LATE_S = 0.3
 TURN_S = 0.03
 """A tick (18 ms), a frame (10 ms) and the bus."""
 
@@ -29,7 +35,8 @@ class Row(NamedTuple):
     where: str
     fault: str
     action: Action
-    inject: Callable[[World, str], None]
+    inject: Callable[[Any, str], None]
+    """Into a :class:`World`, or a :class:`groundstation.faultrig.Stage`; the victim's name."""
     zero_s: float | None = None
     failsafes: tuple[str, ...] = ()
     """One of these must speak; none: any, or none."""
@@ -37,10 +44,42 @@ class Row(NamedTuple):
     """Wheels of the victim; empty: either."""
     resumes: bool = False
     """The robot may go on within the time looked at: the first zero counts, not the last."""
+    blind: bool = False
+    """What the motors decode cannot be heard meanwhile; the body's way is judged alone."""
+    leaves: str = ""
+    """Run state at the end; empty: as the action says."""
+
+    @property
+    def ends(self) -> str:
+        """Run state that the robot must be left in; empty: any."""
+        return self.leaves or ENDS.get(self.action, "")
 
     @property
     def name(self) -> str:
         return f"{self.where}: {self.fault}" + (f" ({self.family})" if self.family else "")
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """What one fault did."""
+
+    row: str
+    seed: int
+    victim: str
+    at_s: float
+    speed_mps: float
+    """Of the victim when the fault came."""
+    zero_s: float | None
+    """To the last stretch of zero setpoints or released motors; None: it never began."""
+    rest_s: float | None
+    rolled_m: float
+    failsafe: tuple[str, ...]
+    collisions: int
+    split: bool
+    """The unaffected robots, whole before, came apart, even with the victim between them."""
+    state: str = ""
+    """Run state of the victim at the end."""
+    faults: tuple[str, ...] = ()
+    """What is wrong with it; empty: as the row demands."""
 
 
 def allowed_m(row: Row, arena: Arena) -> float:
@@ -104,8 +143,32 @@ def _hang(world: World, victim: str) -> None:
     world.hang(victim)
 
 
+def _pause(world: World, victim: str) -> None:
+    world.hang(victim)
+    world.later(PAUSE_S, lambda: world.hang(victim, False))
+
+
+def _restart(world: World, victim: str) -> None:
+    world.restart(victim)
+
+
+def _clock(step_s: float) -> Callable[[World, str], None]:
+    def inject(world: World, victim: str) -> None:
+        world.skew_ns[victim] = int(step_s * 1e9)
+
+    return inject
+
+
+def _late(world: World, victim: str) -> None:
+    world.late_ns[victim] = int(LATE_S * 1e9)
+
+
 def _offline(world: World, victim: str) -> None:
     world.offline.add(victim)
+
+
+def _router_gone(world: World, victim: str) -> None:
+    world.offline.update(world.agents)
 
 
 def _station_gone(world: World, victim: str) -> None:
@@ -198,6 +261,25 @@ def _rows() -> tuple[Row, ...]:
         Row("station", "another schema", "FAULT", _heartbeat(schema_version=99), 0.1, ("station_mismatch",)),
         Row("process", "hung", "CUT", _hang, cut_s),
         Row("process", "a second one with the same id", "FAULT", _twin, AGE_S + TURN_S, ("duplicate_id",)),
+    ]
+    runaway = ("driver_fault", "motion_mismatch")
+    for family in ("odrive", "roboclaw"):
+        rows += [
+            Row("wheels", "encoders stand still", "named", _line("frozen"), None, runaway, family, leaves="fault"),
+            Row("wheels", "port takes no bytes", "CUT", _line("jammed"), cut_s + 0.2, (), family),
+            Row("wheels", "bytes late by 0.3 s", "HOLD", _line("delayed", delay_s=LATE_S), 0.6, (), family),
+            Row("wheels", "firmware hung", "named", _line("hung"), None, ("driver_silent", "driver_lost"), family),
+        ]
+    silent = ("pose_silent", "pose_stale", "station_silent", "station_lost")
+    rows += [
+        Row("radio", "everything late by 0.3 s", "HOLD", _late, silence_s, silent),
+        Row("radio", "router lost", "HOLD", _router_gone, silence_s, silent),
+        Row("process", "hung for half a second", "CUT", _pause, cut_s, ("driver_fault", "loop_overrun")),
+        Row("process", "killed and restarted", "CUT", _restart, cut_s, leaves="disarmed"),
+        Row("clock", "robot's steps 0.3 s ahead", "HOLD", _clock(0.3), TURN_S, ("pose_stale",)),
+        Row("clock", "robot's steps 0.15 s back", "HOLD", _clock(-0.15), AGE_S + TURN_S, ("pose_ahead",)),
+        Row("clock", "robot's steps 10 s ahead", "FAULT", _clock(10.0), TURN_S, ("driver_fault",)),
+        Row("clock", "robot's steps 1 s back", "HOLD", _clock(-1.0), AGE_S + TURN_S, ("pose_ahead",)),
     ]
     return tuple(rows)
 

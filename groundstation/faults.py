@@ -6,17 +6,20 @@ What is judged is what the emulated motors decoded and how far the bodies rolled
 import argparse
 import math
 import random
-import statistics
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
-from contract.messages import MotorSample
+from groundstation import faultreal
 from groundstation.conditions import FIELD
-from groundstation.faultrows import ROWS, Row, allowed_m, wire_of
+from groundstation.faultkept import Kept
+from groundstation.faultpage import markdown
+from groundstation.faultreal import REAL_ROWS
+from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
+from groundstation.faultwords import judge, zero_after_s
 from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
@@ -27,27 +30,6 @@ FIRST_S, LAST_S = 0.5, 3.0
 WATCH_S = 2.5
 STEP_S = 0.01
 REST_MPS = 0.01
-
-
-class Outcome(msgspec.Struct, frozen=True):
-    """What one fault did."""
-
-    row: str
-    seed: int
-    victim: str
-    at_s: float
-    speed_mps: float
-    """Of the victim when the fault came."""
-    zero_s: float | None
-    """To the last stretch of zero setpoints or released motors; None: it never began."""
-    rest_s: float | None
-    rolled_m: float
-    failsafe: tuple[str, ...]
-    collisions: int
-    split: bool
-    """The unaffected robots, whole before, came apart, even with the victim between them."""
-    faults: tuple[str, ...] = ()
-    """What is wrong with it; empty: as the row demands."""
 
 
 class _Watch(NamedTuple):
@@ -87,6 +69,7 @@ def play(row: Row, seed: int) -> Outcome:
         failsafe=watched.failsafes,
         collisions=world.referee.collisions - collisions,
         split=watched.split,
+        state=world.agents[victim].run_state,
     )
     return msgspec.structs.replace(outcome, faults=tuple(judge(row, outcome, allowed_m(row, world.arena))))
 
@@ -126,107 +109,42 @@ def connected(world: World, names: Sequence[str]) -> bool:
     return len(inside) == len(names)
 
 
-def zero_after_s(samples: Iterable[MotorSample], fault_ns: int, first: bool = False) -> float | None:
-    """From the fault to the last, or the first, stretch of zeros or released motors; None: there is none such."""
-    began = None
-    for sample in samples:
-        if sample.stamp_ns < fault_ns:
-            continue
-        if sample.released or not sample.enabled or (sample.left_radps == 0.0 == sample.right_radps):
-            began = sample.stamp_ns if began is None else began
-        elif not first:
-            began = None
-    return None if began is None else round((began - fault_ns) * 1e-9, 4)
-
-
-def judge(row: Row, outcome: Outcome, allowed: float) -> Iterator[str]:
-    """What the row demands and the outcome lacks, in words."""
-    if outcome.collisions:
-        yield f"{outcome.collisions} collision(s)"
-    if outcome.split:
-        yield "the others came apart"
-    if row.zero_s is None:
-        if outcome.failsafe:
-            yield f"stopped by {', '.join(outcome.failsafe)}"
-        return
-    if outcome.zero_s is None and outcome.rest_s is None:
-        yield "neither a zero nor rest"
-    elif outcome.zero_s is not None and outcome.zero_s > row.zero_s:
-        yield f"zero after {outcome.zero_s:g} s, {row.zero_s:g} s allowed"
-    if outcome.rest_s is None and not row.resumes:
-        yield f"still moving after {WATCH_S:g} s"
-    if outcome.rolled_m > allowed:
-        yield f"rolled {outcome.rolled_m:g} m, {allowed:.2f} m allowed"
-    if row.failsafes and not set(row.failsafes) & set(outcome.failsafe):
-        yield f"spoke {', '.join(outcome.failsafe) or 'nothing'}, expected {' or '.join(row.failsafes)}"
-
-
-def percentiles(values: Sequence[float]) -> tuple[float, float, float] | None:
-    """(p50, p99, max); None for no values."""
-    if not values:
-        return None
-    ordered = sorted(values)
-    return statistics.median(ordered), ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))], ordered[-1]
-
-
-def markdown(outcomes: Sequence[Outcome], repetitions: int) -> str:
-    """``docs/fault-matrix.md``."""
-    lines = [
-        "# Fault matrix",
-        "",
-        f"Written by `ahdc-groundstation faults --repetitions {repetitions} --markdown docs/fault-matrix.md`:",
-        f"{len(ROWS)} faults, each injected {repetitions} time(s) at a random millisecond of a lockstep mission of",
-        f"{ROBOTS} robots over real bytes ([groundstation/faultrows.py](../groundstation/faultrows.py)).",
-        "*Zero* is the time from the fault to the last stretch of zero setpoints or released motors that the emulated",
-        "controller decoded; - where it decoded nothing any more. *Rolled* is the way of the victim's body after the",
-        "fault. A run is good if both stay within their bounds, the body comes to rest, nobody collides, the other",
-        "robots' network stays whole, and the failsafe named speaks.",
-        "",
-        "| where | fault | action | zero allowed ms | zero p50/p99/max ms | rolled max m | allowed m | spoke | good |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    arena = arena_for(Job(ROBOTS, TARGETS, 1, "field", "field", 60.0))
-    for row in ROWS:
-        runs = [outcome for outcome in outcomes if outcome.row == row.name]
-        zeros = percentiles([run.zero_s * 1e3 for run in runs if run.zero_s is not None]) if row.zero_s else None
-        measured = " / ".join(f"{value:.0f}" for value in zeros) if zeros else "-"
-        spoke = ", ".join(dict.fromkeys(f"`{name}`" for run in runs for name in run.failsafe)) or "-"
-        deadline = "-" if row.zero_s is None else f"{row.zero_s * 1e3:.0f}"
-        allowed = "-" if row.zero_s is None else f"{allowed_m(row, arena):.2f}" if not row.resumes else "-"
-        rolled = "-" if row.zero_s is None else f"{max((run.rolled_m for run in runs), default=0.0):.2f}"
-        good = f"{sum(not run.faults for run in runs)}/{len(runs)}"
-        fault = row.fault + (f" ({row.family})" if row.family else "")
-        cells = (row.where, fault, row.action, deadline, measured, rolled, allowed, spoke, good)
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", default="", metavar="TEXT", help="only rows whose name contains this text")
-    parser.add_argument("--repetitions", type=int, default=1, metavar="N", help="missions a row (default 1)")
+    parser.add_argument(
+        "--repetitions", type=int, default=1, metavar="N", help="missions a row (default 1); 0: what --progress has"
+    )
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="seed of the first repetition (default 1)")
+    parser.add_argument("--real", action="store_true", help="the rows of real processes, in the real-time arena")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every outcome as JSON")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the matrix")
+    parser.add_argument(
+        "--progress", type=Path, metavar="DIR", help="keep every outcome there and skip what is there: go on later"
+    )
     parser.add_argument("--list", action="store_true", help="list the rows and end")
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit code 0 where every outcome is as its row demands."""
-    rows = [row for row in ROWS if args.rows in row.name]
-    if args.list or not rows or args.repetitions < 1:
-        print("\n".join(row.name for row in ROWS))
+    rows = [row for row in (REAL_ROWS if args.real else ROWS) if args.rows in row.name]
+    if args.list or not rows or args.repetitions < (0 if args.progress else 1):
+        print("\n".join(row.name for row in (REAL_ROWS if args.real else ROWS)))
         return 0 if args.list else 2
-    outcomes = []
-    for row in rows:
-        for seed in range(args.seed, args.seed + args.repetitions):
-            outcome = play(row, seed)
-            outcomes.append(outcome)
-            verdict = "good" if not outcome.faults else f"BAD seed {seed}: {'; '.join(outcome.faults)}"
-            print(f"{row.name:<50} zero {outcome.zero_s} s, rolled {outcome.rolled_m} m, {verdict}", flush=True)
+    kept = {True: Kept(args.progress, "real"), False: Kept(args.progress, "lockstep")}
+    wanted = [(row, seed) for seed in range(args.seed, args.seed + args.repetitions) for row in rows]
+    if args.real:
+        faultreal.play_all(wanted, kept[True])
+    else:
+        for row, seed in wanted:
+            if (row.name, seed) not in kept[False].outcomes:
+                kept[False].add(play(row, seed))
+    outcomes = list(kept[args.real].outcomes.values())
     if args.json:
         args.json.write_bytes(msgspec.json.format(msgspec.json.encode(outcomes)))
     if args.markdown:
-        args.markdown.write_text(markdown(outcomes, args.repetitions), encoding="utf-8")
+        arena = arena_for(Job(ROBOTS, TARGETS, 1, "field", "field", 60.0))
+        lockstep, real = (list(kept[key].outcomes.values()) for key in (False, True))
+        args.markdown.write_text(markdown(lockstep, real, arena), encoding="utf-8")
     bad = [outcome for outcome in outcomes if outcome.faults]
     print(f"{len(outcomes) - len(bad)} of {len(outcomes)} good", file=sys.stderr)
     return 1 if bad else 0

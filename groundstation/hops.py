@@ -57,6 +57,9 @@ class Hops(Protocol):
     def drive(self, name: str, drive: Drive, now_ns: int) -> bool:
         """Obey the agent; True if wheel speeds were written."""
 
+    def replace(self, name: str, now_ns: int) -> None:
+        """The robot's agent is another one: a new process, with the port opened anew."""
+
     def hang(self, name: str, on: bool) -> None:
         """The robot's process stands still, or goes on: nothing is written, read or asked for meanwhile."""
 
@@ -153,6 +156,9 @@ class ShortCut:
         body.release_ns = body.time_ns + self._watchdog_ns if on else None
         if not on:
             body.command = (0.0, 0.0)
+
+    def replace(self, name: str, now_ns: int) -> None:
+        """Nothing is kept here that knows the old one."""
 
     def sense(self, name: str, now_ns: int) -> None:
         body = self._bodies[name]

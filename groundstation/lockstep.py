@@ -117,6 +117,7 @@ class World:
             "tick": self._on_tick,
             "heartbeat": self._on_heartbeat,
             "check": self._on_check,
+            "act": lambda _, act: act(),
         }
         self._told_occupied = 0
         self._phase_ns: dict[str, float] = {}
@@ -124,21 +125,25 @@ class World:
         self._hung: set[str] = set()
         self.offline: set[str] = set()
         """Robots that the network does not reach; what they say is lost, too."""
+        self.skew_ns: dict[str, int] = {}
+        """How far a robot's clock is ahead of the site's."""
+        self.late_ns: dict[str, int] = {}
+        """How much longer everything takes to a robot."""
         self.hidden: set[str] = set()
         """Robots that motion capture does not see."""
         self.excluded: set[str] = set()
         """Robots that the station has taken out of the network; the referee looks at the others."""
         self.station_beats = True
         rng, conditions = self._rng, self.conditions
-        plants = {}
+        plants: dict[str, Plant] = {}
         for name, start in zip(self.arena.robots, self.scenario.starts, strict=True):
             heading = rng.uniform(-math.pi, math.pi)
             brake = Brake(rng.uniform(*conditions.deceleration_mps2), rng.uniform(*conditions.lag_s))
             plants[name] = Plant(Pose(start[0], start[1], heading), brake)
-            self.agents[name] = (Agent if self.tap is None else JournalledAgent)(self.arena, name, boot=1)
+            self.agents[name] = self._agent(name, 1)
             self._phase_ns[name] = rng.uniform(*conditions.pose_age_s) * 1e9
         self.hops: Hops = (
-            Wire(self.arena, plants, self.agents, self.seed)
+            Wire(self.arena, plants, self.agents, self.seed, self.skew_ns)
             if self.wired
             else ShortCut(self.arena, plants, self.agents)
         )
@@ -161,6 +166,13 @@ class World:
         for name in self.agents:
             self._ran_ns[name] = self.now_ns
             self._at(self.now_ns + TICK_NS, "tick", name, None)
+
+    def _agent(self, name: str, boot: int) -> Agent:
+        return (Agent if self.tap is None else JournalledAgent)(self.arena, name, boot)
+
+    def _own_ns(self, name: str) -> int:
+        """What time it is by the robot's own clock."""
+        return self.now_ns + self.skew_ns.get(name, 0)
 
     def run(self) -> Result:
         """Play until every target is occupied or the time is up."""
@@ -207,7 +219,9 @@ class World:
         for name in self.agents:
             if name in self._hung or name in self.offline:
                 continue
-            if (free_ns := self.hops.free_ns(name)) > self.now_ns:
+            if late_ns := self.late_ns.get(name, 0):
+                self._at(self.now_ns + late_ns, "message", name, (key, parcel))
+            elif (free_ns := self.hops.free_ns(name)) > self.now_ns:
                 self._at(free_ns, "message", name, (key, parcel))
             else:
                 self.hops.deliver(name, key, parcel, self.now_ns)
@@ -262,7 +276,8 @@ class World:
             for name in self.agents:
                 age_ns = self._age_ns(name)
                 if conditions.frame_loss == 0.0 or rng.random() >= conditions.frame_loss:
-                    self._at(self.now_ns + self.hops.way_ns + age_ns, "arrival", name, frame)
+                    due_ns = self.now_ns + self.hops.way_ns + age_ns + self.late_ns.get(name, 0)
+                    self._at(due_ns, "arrival", name, frame)
         self._frame += 1
         due_ns = self._begin_ns + round(self._frame * 1e9 / self.arena.mocap.frame_rate_hz)
         self._at(due_ns, "frame", "", None)
@@ -277,12 +292,12 @@ class World:
 
     def _on_arrival(self, name: str, frame: Any) -> None:
         if self.hops.deliver(name, self.keys.mocap_frame, frame, self.now_ns):
-            agent, now_ns = self.agents[name], self.now_ns
-            self.hops.sense(name, now_ns)
-            self._ran_ns[name] = now_ns
-            if self.hops.drive(name, agent.step(now_ns), now_ns):
-                agent.wrote(now_ns)
-            for key, message in agent.outbox(now_ns):
+            agent, own_ns = self.agents[name], self._own_ns(name)
+            self.hops.sense(name, self.now_ns)
+            self._ran_ns[name] = self.now_ns
+            if self.hops.drive(name, agent.step(own_ns), self.now_ns):
+                agent.wrote(own_ns)
+            for key, message in agent.outbox(own_ns):
                 self._send(name, key, message)
 
     def hang(self, name: str, on: bool = True) -> None:
@@ -291,10 +306,24 @@ class World:
         self.hops.hang(name, on)
         (self._hung.add if on else self._hung.discard)(name)
 
+    def later(self, after_s: float, act: Callable[[], None]) -> None:
+        """Do something to this world when that time has passed."""
+        self._at(self.now_ns + int(after_s * 1e9), "act", "", act)
+
+    def restart(self, name: str, boot: int = 2, after_s: float = 0.5) -> None:
+        """Kill a robot's process; a new one, which has forgotten everything, has come up after that time."""
+        self.hang(name)
+        self.later(after_s, lambda: self._come_up(name, boot))
+
+    def _come_up(self, name: str, boot: int) -> None:
+        self.agents[name] = self._agent(name, boot)
+        self.hang(name, False)
+        self.hops.replace(name, self.now_ns)
+
     def _on_tick(self, name: str, _: Any) -> None:
         if name not in self._hung and self.now_ns - self._ran_ns[name] >= TICK_NS:
             self._ran_ns[name] = self.now_ns
-            self.hops.drive(name, self.agents[name].tick(self.now_ns), self.now_ns)
+            self.hops.drive(name, self.agents[name].tick(self._own_ns(name)), self.now_ns)
         self._at(max(self._ran_ns[name], self.now_ns - TICK_NS + SUBSTEP_NS) + TICK_NS, "tick", name, None)
 
     def _on_message(self, name: str, what: tuple[str, Any]) -> None:
@@ -310,7 +339,7 @@ class World:
         self._publish(self.keys.stop, StopRequest(stamp_ns=self.now_ns, source="lockstep", stop_id=stop_id))
         for name, agent in self.agents.items():
             if name not in self._hung and name not in self.offline:
-                self.hops.drive(name, agent.tick(self.now_ns), self.now_ns)
+                self.hops.drive(name, agent.tick(self._own_ns(name)), self.now_ns)
 
     def whisper(self, name: str, key: str, message: Message) -> None:
         """Something that only one robot is told."""
@@ -327,6 +356,7 @@ class World:
             for name in self.agents:
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):
                     delay_ns = int(self._rng.uniform(low, high) * 1e9) if high > 0 else 0
+                    delay_ns += self.late_ns.get(name, 0)
                     self._at(self.now_ns + delay_ns, "message", name, (key, parcel))
         elif isinstance(message, StepBatch):
             for step in message.steps:

@@ -169,6 +169,24 @@ class Family:
             if child.code is not None:
                 raise ChildError(f"{child.name} ended with code {child.code}\n{child.last_words()}")
 
+    def child(self, name: str) -> Child:
+        """The process of that name.
+
+        :raises KeyError: there is none.
+        """
+        return {child.name: child for child in self.children}[name]
+
+    def forget(self, name: str) -> None:
+        """Kill a process, if it lives, and have it no longer in the family.
+
+        :raises KeyError: there is none.
+        """
+        child = self.child(name)
+        child.signal(signal.SIGKILL)
+        child.wait(TERM_WAIT_S)
+        child.close()
+        self.children.remove(child)
+
     def end(self) -> dict[str, int | None]:
         """SIGTERM to one group after the other, in the order of ``ends``; what is left of a group is killed.
 

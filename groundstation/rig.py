@@ -156,11 +156,11 @@ class Rig:
 
         :raises groundstation.processes.ChildError: naming what did not start, with its last words.
         """
-        self._child("bridge", "mocap_bridge", "run")
+        self.start_one("bridge")
         if self._record:
-            self._child("recorder", "groundstation", "record", "--out", str(self.out))
+            self.start_one("recorder")
             self.family.wait_ready(READY_S)
-        self._child("mock_arena", "groundstation.mock_arena")
+        self.start_one("mock_arena")
         for name in self.arena.robots if robots is None else robots:
             self.start_robot(name)
         self.family.wait_ready(READY_S)
@@ -168,6 +168,26 @@ class Rig:
     def start_robot(self, name: str) -> Child:
         """One robot's process, not waited for."""
         return self._child(name, "onboard", "run", "--robot", name)
+
+    def start_one(self, name: str) -> Child:
+        """The process of that name, a robot's by the robot's; not waited for."""
+        match name:
+            case "bridge":
+                return self._child(name, "mocap_bridge", "run")
+            case "recorder":
+                return self._child(name, "groundstation", "record", "--out", str(self.out))
+            case "mock_arena":
+                return self._child(name, "groundstation.mock_arena")
+        return self.start_robot(name)
+
+    def start_again(self, name: str) -> None:
+        """A process that has ended, anew; returns once it works.
+
+        :raises groundstation.processes.ChildError: it does not start.
+        """
+        self.family.forget(name)
+        self.start_one(name)
+        self.family.wait_ready(READY_S)
 
     def end(self) -> dict[str, int | None]:
         """End all processes; exit codes by name."""

@@ -32,6 +32,8 @@ CLIENT = ("127.0.0.1", 40000)
 HANDSHAKE_NS = 600_000_000
 TURN_NS = 10_000_000
 
+NO_SKEW: Mapping[str, int] = {}
+
 Damage = Callable[[bytes], bytes]
 
 
@@ -45,7 +47,17 @@ class Wire:
 
     way_ns = 2 * DATAGRAM_NS
 
-    def __init__(self, arena: Arena, plants: Mapping[str, Plant], agents: Mapping[str, Agent], seed: int) -> None:
+    def __init__(
+        self,
+        arena: Arena,
+        plants: Mapping[str, Plant],
+        agents: Mapping[str, Agent],
+        seed: int,
+        skew_ns: Mapping[str, int] = NO_SKEW,
+    ) -> None:
+        """:param skew_ns: how far a robot's clock is ahead, looked up whenever it tells the time."""
+        self._arena = arena
+        self._skew_ns = skew_ns
         self.damage_datagram: Damage = sound
         self.damage_message: Damage = sound
         """What happens to bytes on their way; wheel lines are damaged by ``emulated.fault``."""
@@ -60,11 +72,10 @@ class Wire:
         self._now_ns = 0
         self._wheels: dict[str, Wheels] = {}
         self._hung: set[str] = set()
+        self._states: dict[str, str] = {}
         for name, agent in agents.items():
             self._set_up(name, plants[name], arena.platform.wheel_radius_m)
-            drive = open_robot(arena, name, port=self.emulated.wire(name, self._clocks[name]))
-            self._wheels[name] = Wheels(drive, agent)
-            self._wheels[name].open(0)
+            self._wheels[name] = self._open(name, agent, 0)
         self.begin_ns = self._shake_hands()
 
     def free_ns(self, name: str) -> int:
@@ -81,7 +92,7 @@ class Wire:
             self.emulated.robots[name].advance(now_ns)
             self.emulated.robots[name].deliver()
             if name not in self._hung:
-                self._wheels[name].listen(now_ns)
+                self._wheels[name].listen(self._own_ns(name, now_ns))
             self.emulated.robots[name].roll()
 
     def pose(self, name: str) -> Pose:
@@ -110,26 +121,33 @@ class Wire:
         except WireError as error:
             self._agents[name].refuse(f"refused_{error.kind}")
             return False
-        return self._agents[name].receive(message, now_ns)
+        return self._agents[name].receive(message, self._own_ns(name, now_ns))
 
     def sense(self, name: str, now_ns: int) -> None:
         clock = self._clocks[name]
         clock.now_ns = max(clock.now_ns, now_ns)
-        self._wheels[name].listen(clock.now_ns)
+        self._wheels[name].listen(self._own_ns(name, clock.now_ns))
 
     def drive(self, name: str, drive: Drive, now_ns: int) -> bool:
         wheels, clock = self._wheels[name], self._clocks[name]
         clock.now_ns = max(clock.now_ns, now_ns)
-        if self._agents[name].run_state == "disarmed":
-            wheels.open(clock.now_ns)
-        wrote = wheels.drive(drive.enable, WheelSpeeds(drive.left_radps, drive.right_radps), clock.now_ns)
-        wheels.ask(clock.now_ns)
-        wheels.listen(clock.now_ns)
+        state = self._agents[name].run_state
+        if state == "disarmed":
+            wheels.open(self._own_ns(name, clock.now_ns), again=self._states.get(name, state) != state)
+        self._states[name] = state
+        speeds = WheelSpeeds(drive.left_radps, drive.right_radps)
+        wrote = wheels.drive(drive.enable, speeds, self._own_ns(name, clock.now_ns))
+        wheels.ask(self._own_ns(name, clock.now_ns))
+        wheels.listen(self._own_ns(name, clock.now_ns))
         self.emulated.robots[name].roll()
         return wrote
 
     def hang(self, name: str, on: bool) -> None:
         (self._hung.add if on else self._hung.discard)(name)
+
+    def replace(self, name: str, now_ns: int) -> None:
+        self._clocks[name].now_ns = max(self._clocks[name].now_ns, now_ns)
+        self._wheels[name] = self._open(name, self._agents[name], self._own_ns(name, now_ns))
 
     def counters(self) -> dict[str, Counter[str]]:
         """What every hop refused: ``udp``, ``message`` and each robot's wheel line, both ends."""
@@ -144,6 +162,14 @@ class Wire:
             robot = self.emulated.robots[name]
             hops[name] = Counter(dict(wheels.driver.counters)) + robot.controller.counters
         return hops
+
+    def _own_ns(self, name: str, now_ns: int) -> int:
+        return now_ns + self._skew_ns.get(name, 0)
+
+    def _open(self, name: str, agent: Agent, now_ns: int) -> Wheels:
+        wheels = Wheels(open_robot(self._arena, name, port=self.emulated.wire(name, self._clocks[name])), agent)
+        wheels.open(now_ns)
+        return wheels
 
     def _set_up(self, name: str, plant: Plant, wheel_radius_m: float) -> None:
         robot = self.emulated.robots[name]

@@ -187,7 +187,7 @@ class Runtime:
         self._wheels.ask(time.monotonic_ns())
         state = self._agent.run_state
         if state == "disarmed":
-            self._wheels.open(now_ns, again=self._state == "fault")
+            self._wheels.open(now_ns, again=self._state != "disarmed")
         self._state = state
         if now_ns - self._counted_ns > COUNT_EVERY_NS:
             self._counted_ns = now_ns

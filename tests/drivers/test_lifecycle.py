@@ -1,6 +1,7 @@
 """The driver's lifecycle: what a driver is told in which order, and how it fails and comes back."""
 
 import pytest
+from msgspec.structs import replace
 
 from contract.messages import WheelFeedback
 from drivers.base import LinkLost, WheelSpeeds
@@ -8,6 +9,7 @@ from drivers.lifecycle import GARBLED_NS, LOOK_NS, REOPEN_NS, LineCheck, Wheels
 
 MS = 1_000_000
 FAST = WheelSpeeds(1.0, 2.0)
+SAMPLE = WheelFeedback(robot="r06", stamp_ns=1, left_radps=0.0, right_radps=0.0, left_rad=0.0, right_rad=0.0)
 
 
 class Driver:
@@ -55,6 +57,9 @@ class Driver:
 
     def clear_errors(self, now_ns: int) -> None:
         self._do("clear_errors")
+
+    def reported(self, sample: WheelFeedback) -> LinkLost:
+        return LinkLost("emulated", "nowhere", ", ".join(sample.faults), "cool it")
 
     def close(self) -> None:
         self.calls.append("close")
@@ -150,13 +155,66 @@ def test_a_fault_of_the_controller_is_cleared_by_opening_again(
     wheels: Wheels, driver: Driver, listener: Listener
 ) -> None:
     wheels.open(1_000 * MS)
-    listener.fault = ("motor controller reports heat", "")
-    driver.calls.clear()
-    assert wheels.open(2_000 * MS)
-    assert driver.calls == []
     assert wheels.open(2_000 * MS, again=True)
+    driver.sample = replace(SAMPLE, faults=("heat",))
+    wheels.listen(0)
+    assert "heat" in listener.fault[0]
+    driver.calls.clear()
+    assert wheels.open(3_000 * MS)
+    assert driver.calls == [], "not before somebody has released the robot"
+    assert wheels.open(3_000 * MS, again=True)
     assert driver.calls == ["close", "configure", "clear_errors"]
     assert listener.fault == ("", "")
+    driver.calls.clear()
+    assert wheels.open(4_000 * MS, again=True)
+    assert driver.calls == []
+
+
+def test_errors_that_could_not_be_cleared_are_cleared_later(wheels: Wheels, driver: Driver) -> None:
+    wheels.open(1_000 * MS)
+    driver.sample = replace(SAMPLE, faults=("heat",))
+    wheels.listen(0)
+    driver.failing = {"configure"}
+    assert not wheels.open(2_000 * MS, again=True)
+    driver.failing = set()
+    driver.calls.clear()
+    assert wheels.open(3_000 * MS)
+    assert driver.calls == ["close", "configure", "clear_errors"]
+
+
+def test_a_release_just_after_a_try_is_not_forgotten(wheels: Wheels, driver: Driver) -> None:
+    wheels.open(1_000 * MS)
+    driver.sample = replace(SAMPLE, faults=("heat",))
+    wheels.listen(0)
+    driver.calls.clear()
+    wheels.open(1_000 * MS + 1, again=True)
+    assert driver.calls == []
+    wheels.open(2_000 * MS)
+    assert "clear_errors" in driver.calls
+
+
+def test_a_line_that_failed_comes_back_without_old_errors(wheels: Wheels, driver: Driver) -> None:
+    wheels.open(1_000 * MS)
+    wheels.drive(True, FAST, 0)
+    driver.failing = {"read"}
+    wheels.listen(0)
+    driver.failing = set()
+    driver.calls.clear()
+    assert wheels.open(2_000 * MS)
+    assert driver.calls == ["close", "configure", "clear_errors"]
+
+
+def test_enabled_motors_are_never_opened_anew(wheels: Wheels, driver: Driver) -> None:
+    wheels.open(1_000 * MS)
+    wheels.drive(True, FAST, 0)
+    driver.sample = replace(SAMPLE, faults=("heat",))
+    wheels.listen(0)
+    driver.calls.clear()
+    wheels.open(2_000 * MS, again=True)
+    assert driver.calls == []
+    wheels.drive(False, FAST, 0)
+    wheels.open(2_000 * MS)
+    assert "clear_errors" in driver.calls
 
 
 @pytest.mark.parametrize("failing", [set(), {"stop"}, {"deactivate"}, {"stop", "deactivate"}])
@@ -172,7 +230,7 @@ def test_feedback_is_handed_on(wheels: Wheels, driver: Driver, listener: Listene
     wheels.open(1_000 * MS)
     wheels.listen(0)
     assert listener.samples == []
-    driver.sample = WheelFeedback(robot="r06", stamp_ns=1, left_radps=0.0, right_radps=0.0, left_rad=0.0, right_rad=0.0)
+    driver.sample = SAMPLE
     wheels.listen(0)
     assert listener.samples == [driver.sample]
 

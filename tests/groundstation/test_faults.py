@@ -1,13 +1,18 @@
 """A slice of the fault matrix: bytes the emulated motors decoded, and how far the bodies rolled."""
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
 from contract.messages import MotorSample
-from groundstation.faultrows import ROWS, Row, allowed_m
-from groundstation.faults import Outcome, judge, markdown, percentiles, play, zero_after_s
+from groundstation.faultkept import Kept
+from groundstation.faultpage import markdown, percentiles
+from groundstation.faultreal import REAL_ROWS
+from groundstation.faultrows import ROWS, Outcome, Row, allowed_m
+from groundstation.faults import play
+from groundstation.faultwords import judge, zero_after_s
 from groundstation.sweep import Job, arena_for
 
 BY_NAME = {row.name: row for row in ROWS}
@@ -17,6 +22,9 @@ SLICE = (
     "motion capture: duplicate",
     "station: STOP",
     "process: hung",
+    "process: killed and restarted",
+    "clock: robot's steps 0.3 s ahead",
+    "radio: router lost",
 )
 GOOD = Outcome(
     row="", seed=1, victim="r01", at_s=1.0, speed_mps=0.5, zero_s=0.1, rest_s=0.5, rolled_m=0.1,
@@ -26,7 +34,10 @@ GOOD = Outcome(
 
 def test_the_matrix_has_forty_rows_and_more_each_of_its_own_name() -> None:
     assert len(BY_NAME) == len(ROWS) >= 40
-    assert {row.where for row in ROWS} >= {"wheels", "motion capture", "messages", "station", "radio", "process"}
+    places = {"wheels", "motion capture", "datagrams", "messages", "radio", "station", "process", "clock"}
+    assert {row.where for row in ROWS} == places
+    assert len({row.name for row in REAL_ROWS}) == len(REAL_ROWS)
+    assert {row.where for row in REAL_ROWS} >= {"wheels", "motion capture", "radio", "station", "process", "disk"}
 
 
 @pytest.mark.parametrize("name", SLICE)
@@ -50,6 +61,33 @@ BAD: dict[str, dict[str, Any]] = {
     "wrong word": {"failsafe": ("loop_overrun",)},
     "no word": {"failsafe": ()},
 }
+
+
+def test_a_robot_is_left_in_the_state_that_the_action_says() -> None:
+    row = BY_NAME["station: STOP"]
+    stopped = msgspec.structs.replace(GOOD, failsafe=(), state="stopped", zero_s=0.01)
+    assert not list(judge(row, stopped, 1.0))
+    assert list(judge(row, msgspec.structs.replace(stopped, state="running"), 1.0))
+    restarted = BY_NAME["process: killed and restarted"]
+    assert list(judge(restarted, stopped, 1.0))
+    assert not list(judge(restarted, msgspec.structs.replace(stopped, state="disarmed"), 1.0))
+
+
+def test_what_no_program_can_stop_must_be_named_and_collides_at_its_own_risk() -> None:
+    row = BY_NAME["wheels: firmware hung (odrive)"]
+    named = msgspec.structs.replace(GOOD, failsafe=("driver_silent",), zero_s=None, rest_s=None, collisions=1)
+    assert not list(judge(row, named, float("inf")))
+    assert list(judge(row, msgspec.structs.replace(named, failsafe=()), float("inf")))
+
+
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    first = Kept(tmp_path / "kept", "lockstep")
+    first.add(msgspec.structs.replace(GOOD, row="a"))
+    with (tmp_path / "kept" / "lockstep.jsonl").open("ab") as file:
+        file.write(b'{"row": "a", "se')
+    again = Kept(tmp_path / "kept", "lockstep")
+    assert again.outcomes == first.outcomes != {}
+    assert Kept(None, "lockstep").outcomes == {}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -84,8 +122,10 @@ def test_zero_begins_where_no_motion_follows() -> None:
 
 def test_the_page_has_every_row_and_its_figures() -> None:
     row: Row = BY_NAME["motion capture: occlusion"]
-    page = markdown([msgspec.structs.replace(GOOD, row=row.name)], 1)
-    assert all(f"| {entry.where} | {entry.fault}" in page for entry in ROWS)
+    arena = arena_for(Job(3, 19, 1, "field", "field", 60.0))
+    page = markdown([msgspec.structs.replace(GOOD, row=row.name)], [], arena)
+    assert all(f"| {entry.where} | {entry.fault}" in page for entry in (*ROWS, *REAL_ROWS))
+    assert "0 to 1 times" in page
     assert "| 100 / 100 / 100 | 0.10 |" in page
     assert "| 1/1 |" in page
     assert percentiles([3.0, 1.0, 2.0]) == (2.0, 3.0, 3.0)

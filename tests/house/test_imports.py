@@ -60,6 +60,8 @@ SHELLS = (
     "groundstation/deployment/workshop.py",
     "groundstation/doctor.py",
     "groundstation/errands.py",
+    "groundstation/faultreal.py",
+    "groundstation/faultrig.py",
     "groundstation/emulated.py",
     "groundstation/link.py",
     "groundstation/mock_arena.py",

@@ -1,0 +1,194 @@
+"""Faults of real processes, buses, disks and the router: rows for the real-time arena, and how one is played."""
+
+import random
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from groundstation import rig
+from groundstation.faultkept import Kept
+from groundstation.faultrig import LATE_S, Stage, StageError, unreadable
+from groundstation.faultrows import AGE_S, TURN_S, Action, Outcome, Row, allowed_m
+from groundstation.faultwords import judge, zero_after_s
+from groundstation.link import Link
+
+ROBOTS = 3
+WATCH_S = 2.8
+TOLD_S = 0.06
+"""Emulated hardware looks at its faults this often."""
+REST_MPS = 0.01
+PAUSE_S = 0.6
+AGREED_M = 0.02
+"""Of a way measured at 20 Hz."""
+
+Inject = Callable[[Stage, str], None]
+
+
+def _line(kind: str) -> Inject:
+    return lambda stage, victim: stage.spoil(f"{victim} {kind}")
+
+
+def _udp(kind: str) -> Inject:
+    return lambda stage, victim: stage.spoil(f"udp {kind}")
+
+
+def _signal(number: int, process: str = "") -> Inject:
+    return lambda stage, victim: stage.signal(process or victim, number)
+
+
+def _pause(stage: Stage, victim: str) -> None:
+    stage.signal(victim, signal.SIGSTOP)
+    stage.watch(PAUSE_S)
+    stage.signal(victim, signal.SIGCONT)
+
+
+def _restart(name: str) -> Inject:
+    def inject(stage: Stage, victim: str) -> None:
+        stage.signal(name or victim, signal.SIGKILL)
+        stage.rig.start_again(name or victim)
+
+    return inject
+
+
+def _mute(stage: Stage, victim: str) -> None:
+    stage.mute = True
+
+
+def _stop(stage: Stage, victim: str) -> None:
+    stage.stop()
+
+
+def _full(process: str) -> Inject:
+    return lambda stage, victim: stage.full_disk(process or victim)
+
+
+def _rows() -> tuple[Row, ...]:
+    cut_s, silence_s = 0.2 + 0.12, 0.15 + AGE_S + TURN_S
+    rows = [
+        Row("wheels", what, action, _line(kind), zero_s + TOLD_S, (), family)
+        for what, kind, action, zero_s in _BUS
+        for family in ("odrive", "roboclaw")
+    ]
+    rows.append(Row("wheels", "bus-off", "CUT", _line("bus-off"), cut_s + 0.1 + TOLD_S, (), "odrive"))
+    rows += [
+        Row("motion capture", "silence", "HOLD", _udp("dropped"), silence_s + TOLD_S),
+        Row("motion capture", "one bit of every datagram", "HOLD", _udp("corrupted"), silence_s + TOLD_S),
+        Row("radio", "router and bridge frozen", "HOLD", _signal(signal.SIGSTOP, "bridge"), silence_s),
+        Row(
+            "radio",
+            "router and bridge killed, restarted",
+            "HOLD",
+            _restart("bridge"),
+            silence_s,
+            resumes=True,
+            blind=True,
+        ),
+        Row("station", "killed", "STOP", _mute, 0.5 + TURN_S + 0.07),
+        Row("station", "STOP", "STOP", _stop, 0.05),
+        Row("process", "hung", "CUT", _signal(signal.SIGSTOP), cut_s),
+        Row("process", "hung for 0.6 s", "CUT", _pause, cut_s),
+        Row("process", "killed", "CUT", _signal(signal.SIGKILL), cut_s),
+        Row("process", "killed and restarted", "CUT", _restart(""), cut_s, leaves="disarmed"),
+        Row("recorder", "hung", "goes on", _signal(signal.SIGSTOP, "recorder")),
+        Row("recorder", "killed", "goes on", _signal(signal.SIGKILL, "recorder")),
+        Row("disk", "full for the recorder", "goes on", _full("recorder")),
+        Row("disk", "full for a robot's log", "goes on", _full("")),
+    ]
+    return tuple(rows)
+
+
+_BUS: tuple[tuple[str, str, Action, float], ...] = (
+    ("supply of the motors cut", "off", "FAULT", 2.3),
+    ("wheels jammed", "stuck", "FAULT", 1.3),
+    ("encoders count backwards", "wrong", "FAULT", 1.3),
+    ("no bytes either way", "dropped", "CUT", 0.38),
+    ("one bit in 8 bytes", "corrupted", "CUT", 0.6),
+    ("port takes no bytes", "jammed", "CUT", 0.52),
+    ("port unplugged", "unplugged", "CUT", 0.52),
+    ("supply sags", "brown-out", "FAULT", 0.6),
+)
+REAL_ROWS: tuple[Row, ...] = _rows()
+
+
+def play(stage: Stage, row: Row, seed: int) -> Outcome:
+    """One fault of one row in a mission of its own; everything is repaired afterwards.
+
+    :raises groundstation.faultrig.StageError: the swarm cannot be started, before or afterwards.
+    """
+    draw = random.Random(f"{row.name} {seed}")
+    robots = stage.arena.robots
+    fit = [name for name in robots if row.family in ("", robots[name].wheels["kind"])]
+    stage.to_running()
+    began = time.monotonic()
+    stage.watch(draw.uniform(0.2, 1.0))
+    stage.until(lambda: any(name in stage.moving() for name in fit), "a robot of the family moves")
+    victim = draw.choice([name for name in fit if name in stage.moving()])
+    at_s = time.monotonic() - began
+    speed_mps = stage.places[victim][-1].speed_mps
+    whole = stage.pieces(robots) == 1 and stage.pieces(name for name in robots if name != victim) == 1
+    stage.forget()
+    since_ns = time.monotonic_ns()
+    row.inject(stage, victim)
+    split = False
+    nearest_m = stage.nearest_m()
+    deadline = time.monotonic() + WATCH_S
+    while time.monotonic() < deadline:
+        stage.turn()
+        nearest_m = min(nearest_m, stage.nearest_m())
+        apart = stage.pieces(name for name in robots if name != victim) > 1 and stage.pieces(robots) > 1
+        split = split or (whole and apart)
+    state = stage.reports[victim].run
+    stage.repair()
+    stage.watch(LATE_S)
+    zero_s = None if row.blind else zero_after_s(stage.samples.get(victim, ()), since_ns, first=row.resumes)
+    outcome = Outcome(
+        row=row.name,
+        seed=seed,
+        victim=victim,
+        at_s=round(at_s, 3),
+        speed_mps=round(speed_mps, 3),
+        zero_s=zero_s,
+        rest_s=stage.rest_s(victim, since_ns, REST_MPS),
+        rolled_m=round(stage.rolled_m(victim, since_ns), 4),
+        failsafe=(),
+        collisions=int(nearest_m < stage.arena.platform.diameter_m),
+        split=split,
+        state=state,
+    )
+    return judged(row, outcome, stage)
+
+
+def judged(row: Row, outcome: Outcome, stage: Stage) -> Outcome:
+    """The outcome with what is wrong with it."""
+    faults = [*judge(row, outcome, allowed_m(row, stage.arena) + AGREED_M), *_real(row, outcome, stage)]
+    return msgspec.structs.replace(outcome, faults=tuple(faults))
+
+
+def _real(row: Row, outcome: Outcome, stage: Stage) -> Iterator[str]:
+    """What only real processes can get wrong."""
+    if row.action == "goes on" and not row.leaves and outcome.state != "running":
+        yield f"left {outcome.state}, expected running"
+
+
+def play_all(wanted: Sequence[tuple[Row, int]], kept: Kept, robots: int = ROBOTS) -> None:
+    """Play what is not kept yet, all in one arena; recordings that cannot be read are an outcome of their own.
+
+    :raises groundstation.processes.ChildError: the arena does not start.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "run"
+        arena = rig.mock_arena(rig.find_arena("experiment2"), out, rig.Changes(robots, 60, 1))
+        with rig.Rig(arena, out) as processes:
+            processes.start()
+            with Link(arena, "station") as link:
+                stage = Stage(processes, link)
+                for row, seed in wanted:
+                    if (row.name, seed) not in kept.outcomes:
+                        kept.add(play(stage, row, seed))
+        bad = unreadable(out)
+    if bad:
+        raise StageError("; ".join(bad))

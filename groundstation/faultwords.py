@@ -1,0 +1,43 @@
+"""What a fault did, judged: by what the motors decoded and how far the body rolled. Pure."""
+
+from collections.abc import Iterable, Iterator
+
+from contract.messages import MotorSample
+from groundstation.faultrows import Outcome, Row
+
+
+def zero_after_s(samples: Iterable[MotorSample], fault_ns: int, first: bool = False) -> float | None:
+    """From the fault to the last, or the first, stretch of zeros or released motors; None: there is none such."""
+    began = None
+    for sample in samples:
+        if sample.stamp_ns < fault_ns:
+            continue
+        if sample.released or not sample.enabled or (sample.left_radps == 0.0 == sample.right_radps):
+            began = sample.stamp_ns if began is None else began
+        elif not first:
+            began = None
+    return None if began is None else round((began - fault_ns) * 1e-9, 4)
+
+
+def judge(row: Row, outcome: Outcome, allowed: float) -> Iterator[str]:
+    """What the row demands and the outcome lacks, in words."""
+    if outcome.collisions and row.action != "named":
+        yield f"{outcome.collisions} collision(s)"
+    if outcome.split:
+        yield "the others came apart"
+    if row.ends and outcome.state != row.ends:
+        yield f"left {outcome.state or 'in no state'}, expected {row.ends}"
+    if row.failsafes and not set(row.failsafes) & set(outcome.failsafe):
+        yield f"spoke {', '.join(outcome.failsafe) or 'nothing'}, expected {' or '.join(row.failsafes)}"
+    if row.zero_s is None:
+        if outcome.failsafe and not row.failsafes:
+            yield f"stopped by {', '.join(outcome.failsafe)}"
+        return
+    if outcome.zero_s is None and outcome.rest_s is None:
+        yield "neither a zero nor rest"
+    elif outcome.zero_s is not None and outcome.zero_s > row.zero_s:
+        yield f"zero after {outcome.zero_s:g} s, {row.zero_s:g} s allowed"
+    if outcome.rest_s is None and not row.resumes:
+        yield "still moving when last looked at"
+    if outcome.rolled_m > allowed:
+        yield f"rolled {outcome.rolled_m:g} m, {allowed:.2f} m allowed"
