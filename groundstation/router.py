@@ -1,7 +1,7 @@
 """``router``: the router of a secured site: mutual TLS, and rules for every holder of a certificate.
 
 A process of its own, so that it can be renewed while the site runs: when the arena file, the register or its own
-certificate changes, the session is opened anew with rules made afresh. Robots hold for the moment and go on.
+certificate changes, it begins anew in the same process, with rules made afresh. Robots hold for that moment and go on.
 """
 
 import argparse
@@ -43,28 +43,28 @@ def run(args: argparse.Namespace) -> int:
         print(f"router at {listening(arena)}: {error}", file=sys.stderr)
         return 1
     print(f"READY router {listening(arena)}", flush=True)
-    try:
+    with session:
         while not stop:
             time.sleep(LOOK_S)
             found = fingerprint(args.arena, arena)
-            if found == seen:
-                continue
-            seen = found
-            try:
-                fresh = load(args.arena)
-                settings = settings_of(fresh)
-            except (ArenaError, KeysError) as error:
-                print(f"the old rules stay: {error}", file=sys.stderr, flush=True)
-                continue
-            session.close()
-            arena, session = fresh, opened(settings)
-            print(f"renewed for {', '.join(counted(arena))}", flush=True)
-    except zenoh.ZError as error:
-        print(f"router at {listening(arena)}: {error}", file=sys.stderr)
-        return 1
-    finally:
-        session.close()
+            if found != seen:
+                seen = found
+                if renewable(args.arena):
+                    break
+    if not stop:
+        # only exec frees a QUIC address at once
+        os.execv(sys.executable, [sys.executable, "-m", "groundstation", "router", "--arena", str(args.arena)])
     return 0
+
+
+def renewable(path: Path) -> bool:
+    """Whether a router can begin from these files; if not, says why the old rules stay."""
+    try:
+        settings_of(load(path))
+    except (ArenaError, KeysError) as error:
+        print(f"the old rules stay: {error}", file=sys.stderr, flush=True)
+        return False
+    return True
 
 
 def listening(arena: Arena) -> str:
