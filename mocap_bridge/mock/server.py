@@ -17,7 +17,7 @@ from mocap_bridge.natnet import handshake, modeldef, version
 from mocap_bridge.natnet.frame import EDIT_MODE, MODELS_CHANGED
 from mocap_bridge.natnet.frame_encode import Content, encode_frame
 from mocap_bridge.natnet.version import Layout
-from mocap_bridge.natnet.wire import Malformed, MessageId, Packet, open_packet, packet
+from mocap_bridge.natnet.wire import Malformed, MessageId, Packet, open_request, packet
 
 Address = tuple[str, int]
 CLIENT_TIMEOUT_NS = 10_000_000_000
@@ -96,7 +96,7 @@ class EmulatedServer:
             self.counters["unheard"] += 1
             return []
         try:
-            answer = self._answer(open_packet(datagram), sender, now_ns)
+            answer = self._answer(open_request(datagram), sender, now_ns)
         except Malformed:
             self.counters["malformed"] += 1
             return []
@@ -104,7 +104,7 @@ class EmulatedServer:
 
     def _answer(self, opened: Packet, sender: Address, now_ns: int) -> bytes | None:
         match opened.id:
-            case MessageId.CONNECT:
+            case MessageId.CONNECT | MessageId.DISCOVERY:
                 asked = handshake.decode_connect(opened).bitstream
                 chosen = min(max(asked, version.OLDEST), self.version) if asked.major else self.version
                 self._clients[sender] = _Client(version.layout(chosen), now_ns)
@@ -150,6 +150,8 @@ class EmulatedServer:
             )
         if name == "SubscribeToData":
             return handshake.encode_integer_answer(0)
+        if text == "Bitstream":
+            return handshake.encode_text_answer(f"Bitstream,{self._layout_of(sender).version}")
         if name == "Bitstream" and not self.settings.mocap.multicast_group:
             try:
                 layout = version.layout(min(version.parse(rest.strip()), self.version))

@@ -156,6 +156,11 @@ def encode_integer_answer(value: int) -> bytes:
     return packet(MessageId.RESPONSE, struct.pack("<i", value))
 
 
+def encode_text_answer(text: str) -> bytes:
+    """A RESPONSE of words; without a NUL, which clients would read as part of the last one."""
+    return packet(MessageId.RESPONSE, text.encode("utf-8"))
+
+
 def decode_float_answer(opened: Packet) -> float:
     """The number in a RESPONSE.
 

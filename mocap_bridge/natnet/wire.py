@@ -72,6 +72,17 @@ def open_packet(datagram: bytes) -> Packet:
     return Packet(message, datagram, 4 + size)
 
 
+def open_request(datagram: bytes) -> Packet:
+    """As a server opens it: some clients count the header into the size, so that bounds nothing.
+
+    :raises Malformed: shorter than its header.
+    """
+    if len(datagram) < 4:
+        raise Malformed("header", f"{len(datagram)} bytes, at least 4 needed")
+    message, size = HEADER.unpack_from(datagram)
+    return Packet(message, datagram, min(4 + size, len(datagram)))
+
+
 def cstring(text: str) -> bytes:
     """A NUL-terminated UTF-8 string."""
     return text.encode("utf-8") + b"\0"

@@ -176,3 +176,16 @@ def test_script_reads_every_kind() -> None:
 def test_script_faults_are_named(text: str, said: str) -> None:
     with pytest.raises(ScriptError, match=said):
         parse(text)
+
+
+def test_habits_of_clients_are_borne() -> None:
+    """Sizes that count the header, requests with a NUL more, a question for the bit stream in words."""
+    emulated = server(version="4.2")
+    [info] = emulated.receive(b"\0\0\4\0", CLIENT, 0)
+    assert handshake.decode_server_info(open_packet(info.data)).natnet == Version(4, 2)
+    assert emulated.receive(b"\4\0\4\0", CLIENT, 0)[0].data[:2] == b"\5\0"
+    assert emulated.receive(b"\4\0\0\0\0", CLIENT, 0)[0].data[:2] == b"\5\0"
+    [answer] = emulated.receive(handshake.encode_command("Bitstream"), CLIENT, 0)
+    assert answer.data == b"\3\0\x0d\0Bitstream,4.2"
+    assert emulated.receive(packet(MessageId.DISCOVERY, b"x" * 264), CLIENT, 0)[0].data == info.data
+    assert emulated.counters["malformed"] == 0

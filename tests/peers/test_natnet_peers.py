@@ -1,6 +1,7 @@
 """Independent NatNet clients read the emulated server over loopback UDP."""
 
 import importlib.util
+import json
 import math
 import select
 import socket
@@ -20,7 +21,7 @@ from mocap_bridge.mock.udp import ServerShell
 
 POSES = [BodyState("r06", 1.0, 2.0, 0.5), BodyState("r08", 2.5, 1.5, -1.0)]
 GROUP = "239.255.42.99"
-VERSIONS = ["2.9", "3.0", "3.1", "4.0", "4.1"]
+VERSIONS = ["2.9", "3.0", "3.1", "4.0", "4.1", "4.2"]
 
 
 def free_ports(count: int) -> list[int]:
@@ -112,7 +113,7 @@ for name, body in sorted(mc.rigidBodies.items()):
 
 
 @pytest.mark.skipif(importlib.util.find_spec("motioncapture") is None, reason="motioncapture has no wheel here")
-@pytest.mark.parametrize("version", VERSIONS[1:])
+@pytest.mark.parametrize("version", VERSIONS[1:-1])
 def test_motioncapture_reads_multicast(version: str) -> None:
     with serving(version, GROUP) as mocap:
         done = subprocess.run(
@@ -128,3 +129,92 @@ def test_motioncapture_reads_multicast(version: str) -> None:
         x, y, _, qz, qw = map(float, line[1:])
         assert math.dist((x, y), (pose.x_m, pose.y_m)) < 1e-3
         assert abs(math.remainder(2.0 * math.atan2(qz, qw) - pose.heading_rad, math.tau)) < 1e-3
+
+
+NATNETSDK = """
+import contextlib, io, json, os, sys, time
+from natnetsdk.NatNetClient import NatNetClient
+client, bodies, frames, said = NatNetClient(), {}, [], io.StringIO()
+client.set_use_multicast(False)
+client.command_port, client.data_port = map(int, sys.argv[1:])
+client.rigid_body_listener = lambda number, position, rotation: bodies.update({number: [*position, *rotation]})
+client.new_frame_listener = frames.append
+with contextlib.redirect_stdout(said):
+    client.set_print_level(0)
+    client.run()
+    limit = time.monotonic() + 10.0
+    while len(frames) < 5 and time.monotonic() < limit:
+        time.sleep(0.005)
+    client.set_print_level(1)
+    client.send_command("Bitstream")
+    client.send_request(client.command_socket, client.NAT_REQUEST_MODELDEF, "", ("127.0.0.1", client.command_port))
+    while "Rigid Body Name" not in said.getvalue() and time.monotonic() < limit:
+        time.sleep(0.005)
+print(json.dumps({
+    "bodies": bodies, "names": [name for name in ("r06", "r08") if name in said.getvalue()],
+    "markers": frames[-1]["labeled_marker_count"], "numbers": [frame["frame_number"] for frame in frames],
+    "streams": client.get_nat_net_requested_version()[:2], "server": client.get_application_name(),
+}), flush=True)
+os._exit(0)  # its threads wait for datagrams for ever
+"""
+
+NATNETCLIENT = """
+import json, os, socket, sys, threading, time
+from natnetclient.natnet import NatClient
+from mocap_bridge.sources.natnet import data_socket
+command, data = map(int, sys.argv[1:])
+group = data_socket("239.255.42.99", data, "127.0.0.1")
+group.setblocking(True)
+
+def hand_on():  # its data socket has an address of its own, where Linux delivers no multicast
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+        while True:
+            way.sendto(group.recv(65535), ("127.0.0.1", data))
+
+threading.Thread(target=hand_on, daemon=True).start()
+client = NatClient("127.0.0.1", data_port=data, comm_port=command)
+limit, first = time.monotonic() + 10.0, client.iFrame
+while client.iFrame < first + 5 and time.monotonic() < limit:
+    time.sleep(0.005)
+bodies = {name: [*body.position, *body.quaternion] for name, body in client.rigid_bodies.items() if body.seen}
+print(json.dumps({"bodies": bodies, "version": client.natnet_version[:2]}), flush=True)
+os._exit(0)
+"""
+
+
+def run_peer(program: str, mocap: Mocap) -> dict[str, object]:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program, str(mocap.command_port), str(mocap.data_port)],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.stdout, done.stderr
+    return dict(json.loads(done.stdout))
+
+
+def assert_poses(seen: dict[str, list[float]], keys: list[str]) -> None:
+    for key, pose in zip(keys, POSES, strict=True):
+        x, y, _, _, _, qz, qw = seen[key]
+        assert math.dist((x, y), (pose.x_m, pose.y_m)) < 1e-3
+        assert abs(math.remainder(2.0 * math.atan2(qz, qw) - pose.heading_rad, math.tau)) < 1e-3
+
+
+@pytest.mark.parametrize("version", ["3.0", "4.1", "4.3"])
+def test_natnetsdk_reads_unicast_and_asks_for_the_newest_version_it_knows(version: str) -> None:
+    """OptiTrack's own sample. It takes a precision stamp for granted at 4.0, and misreads 2.x."""
+    with serving(version) as mocap:
+        seen = run_peer(NATNETSDK, mocap)
+    assert_poses(seen["bodies"], ["1", "2"])  # type: ignore[arg-type]
+    assert (seen["names"], seen["markers"], seen["server"]) == (["r06", "r08"], 6, "Emulated Motive")
+    assert seen["streams"] in ([3, 0], [4, 1], [4, 3])
+    assert seen["numbers"] == sorted(seen["numbers"])  # type: ignore[call-overload]
+
+
+def test_natnetclient_reads_2_9() -> None:
+    """Its requests announce four bytes of payload and have none."""
+    with serving("2.9", GROUP) as mocap:
+        seen = run_peer(NATNETCLIENT, mocap)
+    assert seen["version"] == [2, 9]
+    assert_poses(seen["bodies"], ["r06", "r08"])  # type: ignore[arg-type]
