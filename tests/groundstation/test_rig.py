@@ -49,7 +49,7 @@ def test_any_number_of_robots_each_with_its_own_place(count: int, tmp_path: Path
 
 def test_real_addresses_never_reach_the_mock_arena(tmp_path: Path) -> None:
     text = find_arena("bench2").read_text().replace("127.0.0.1", "192.168.7.1")
-    (tmp_path / "real.toml").write_text(text)
+    (tmp_path / "real.toml").write_text(text.replace("[link]", "[link]\ninsecure = true"))
     arena = mock_arena(tmp_path / "real.toml", tmp_path / "out")
     assert arena.link.router.startswith("tcp/127.0.0.1:")
     assert arena.mocap.server == arena.mocap.local_address == "127.0.0.1"
