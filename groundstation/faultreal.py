@@ -25,6 +25,9 @@ PAUSE_S = 0.6
 AGREED_M = 0.02
 """Of a way measured at 20 Hz."""
 
+LEAVES: dict[Action, str] = {"FAULT": "stopped"}
+"""A robot's fault is the station's STOP for all."""
+
 Inject = Callable[[Stage, str], None]
 
 
@@ -69,7 +72,7 @@ def _full(process: str) -> Inject:
 def _rows() -> tuple[Row, ...]:
     cut_s, silence_s = 0.2 + 0.12, 0.15 + AGE_S + TURN_S
     rows = [
-        Row("wheels", what, action, _line(kind), zero_s + TOLD_S, (), family)
+        Row("wheels", what, action, _line(kind), zero_s + TOLD_S, (), family, leaves=LEAVES.get(action, ""))
         for what, kind, action, zero_s in _BUS
         for family in ("odrive", "roboclaw")
     ]

@@ -10,6 +10,7 @@ Faults. A file ``faults.txt`` beside the arena file is read again whenever it ch
 """
 
 import argparse
+import contextlib
 import select
 import signal
 import sys
@@ -95,8 +96,7 @@ class MockArena:
                 self._publish(now_ns)
                 self._read_faults()
                 fds = set(self._wheels.fds())
-                for number in fds - wheel_fds:
-                    poll.register(number, select.EPOLLIN)
+                follow(poll, wheel_fds, fds)
                 wheel_fds = fds
         poll.close()
 
@@ -144,6 +144,15 @@ class MockArena:
     def _publish(self, now_ns: int) -> None:
         for name in self._wheels.robots:
             self._link.publish(self._link.keys.motor(name), self._wheels.batch(name, now_ns), "motor")
+
+
+def follow(poll: select.epoll, before: set[int], now: set[int]) -> None:
+    """Watch other descriptors than before; of those left, some are closed and some only jammed."""
+    for number in before - now:
+        with contextlib.suppress(OSError):
+            poll.unregister(number)
+    for number in now - before:
+        poll.register(number, select.EPOLLIN)
 
 
 def flip_bit(data: bytes) -> bytes:

@@ -2,6 +2,7 @@
 
 import math
 import os
+import select
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from contract.arena import ArenaError, digest, load
 from drivers.registry import port_path, wheel_faults
 from groundstation import current
 from groundstation.cli import main
-from groundstation.mock_arena import flip_bit
+from groundstation.mock_arena import flip_bit, follow
 from groundstation.orders import Acknowledgement, describe, status_lines
 from groundstation.processes import Family
 from groundstation.rig import ARENAS, Changes, find_arena, free_ports, mock_arena, write_config
@@ -104,6 +105,21 @@ def test_one_flipped_bit_is_one_bit_and_refused() -> None:
     assert sum((a ^ b).bit_count() for a, b in zip(whole, damaged, strict=True)) == 1
     with pytest.raises(Malformed):
         open_packet(damaged)
+
+
+def test_a_port_that_was_jammed_or_closed_is_watched_again() -> None:
+    reader, writer = os.pipe()
+    closed, other = os.pipe()
+    with select.epoll() as poll:
+        follow(poll, set(), {reader, closed})
+        os.close(closed)
+        follow(poll, {reader, closed}, set())
+        os.write(writer, b"x")
+        assert poll.poll(0) == []
+        follow(poll, set(), {reader})
+        assert poll.poll(0) == [(reader, select.EPOLLIN)]
+    for number in (reader, writer, other):
+        os.close(number)
 
 
 def test_the_arena_of_the_last_session_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
