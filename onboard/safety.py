@@ -112,7 +112,7 @@ class Supervisor:
             self._apply("adopt", now_ns, TOOK_OVER, "arm again")
         elif message.order_id > self._seen_order:
             self._seen_order = message.order_id
-            if message.order != "stop" and (not message.robots or self._robot in message.robots):
+            if not message.robots or self._robot in message.robots:
                 self._obey(message, now_ns)
         if message.order == "stop":
             self.order_id = message.order_id
@@ -150,7 +150,7 @@ class Supervisor:
         run: RunState = "holding" if self.state == "running" and holding is not None else self.state
         idle_reason = None if self._reason else latching
         first = tripped[0] if tripped else None
-        speaks = (holding or first) if powered else idle_reason
+        speaks = first if powered else idle_reason
         return Verdict(
             run=run,
             may_move=self.state == "running" and holding is None,

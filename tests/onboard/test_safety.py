@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from contract.arena import Arena, digest, parse
 from contract.messages import SCHEMA_VERSION, StationHeartbeat, StopRequest
-from onboard.failsafes import FAILSAFES, LOST_FACTOR, Conditions, markdown
+from onboard.failsafes import FAILSAFES, LOST_FACTOR, Conditions, age_s, markdown
 from onboard.safety import EVENTS, POWERED, STATES, TRANSITIONS, Supervisor
 
 MS = 1_000_000
@@ -17,7 +17,7 @@ T0 = 10_000 * MS
 ORDERS = ("disarm", "arm", "run", "hold", "stop")
 
 
-def arena(**safety: float) -> Arena:
+def arena(**safety: object) -> Arena:
     table = {
         "arena": {"name": "lab", "size_m": [4.0, 5.0]},
         "robots": {
@@ -51,9 +51,10 @@ def good(now_ns: int, **changes: object) -> Conditions:
 class Bench:
     """A supervisor with a station that beats in time."""
 
-    def __init__(self) -> None:
+    def __init__(self, arena: Arena = ARENA) -> None:
         self.now = T0
-        self.supervisor = Supervisor(ARENA, "r06")
+        self.hash = digest(arena)
+        self.supervisor = Supervisor(arena, "r06")
         self.seq = 0
         self.order_id = 1
         self.boot = 7
@@ -69,7 +70,7 @@ class Bench:
             "stamp_ns": self.now,
             "order": order,
             "order_id": self.order_id,
-            "arena_hash": HASH,
+            "arena_hash": self.hash,
             **changes,
         }
         self.supervisor.heartbeat(StationHeartbeat(**fields), self.now)
@@ -262,6 +263,7 @@ def check_row(row) -> None:
     bad, fine = ROWS[row.name]
     passing = long_active("running").assess(**fine)
     assert (passing.run, passing.may_move) == ("running", True)
+    assert passing.failsafe != row.name
     bench = long_active("running")
     verdict = bench.assess(**bad)
     assert verdict.failsafe == row.name
@@ -270,6 +272,7 @@ def check_row(row) -> None:
     assert verdict.run == {"hold": "holding", "stop": "stopped", "fault": "fault", "warn": "running"}[row.action]
     assert verdict.latched == (row.action in ("stop", "fault"))
     assert verdict.enable
+    assert verdict.remedy == row.remedy
     after = bench.assess()
     assert after.may_move == (row.action in ("hold", "warn"))
 
@@ -531,6 +534,142 @@ def test_leave_to_move_needs_run_after_arm_and_a_fresh_station(script) -> None:
         if bench.assess().may_move:
             assert ran
             assert bench.now - beat_ns <= 500 * MS
+
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize("boot", [0, 1, 2])
+def test_the_first_station_heard_is_a_new_one_whatever_its_boot(boot: int) -> None:
+    bench = Bench()
+    bench.supervisor, bench.boot, bench.order_id = Supervisor(ARENA, "r06"), boot, 5
+    bench.beat("run")
+    assert bench.assess().reason == "", "its order was given before this robot came up: neither obeyed nor refused"
+
+
+def test_nothing_is_armed_before_the_first_look_around() -> None:
+    bench = Bench()
+    bench.supervisor = Supervisor(ARENA, "r06")
+    bench.beat("disarm")
+    bench.order("arm")
+    verdict = bench.assess()
+    assert (verdict.run, verdict.reason) == ("disarmed", "arm refused: not assessed yet")
+    assert verdict.remedy == "remove the cause, then arm again"
+
+
+def test_a_robot_that_comes_up_rolling_does_not_enable_its_motors() -> None:
+    assert not Supervisor(ARENA, "r06").assess(good(T0, left_mps=0.5), T0).enable
+
+
+def test_a_driver_active_from_the_first_look_on_is_silent_only_later() -> None:
+    bench = Bench()
+    bench.supervisor = Supervisor(ARENA, "r06")
+    bench.beat("disarm")
+    quiet = {"feedback_stamp_ns": 0}
+    assert bench.assess(**quiet).failsafe == ""
+    bench.order("arm")
+    assert bench.assess(**quiet).run == "armed"
+    assert bench.assess(**quiet).failsafe == ""
+
+
+@pytest.mark.parametrize(("age_ns", "ignored"), [(SECOND, 0), (SECOND + 1, 1)])
+def test_a_heartbeat_is_late_from_one_nanosecond_over_its_timeout(age_ns: int, ignored: int) -> None:
+    bench = Bench(arena(heartbeat_timeout_s=1.0))
+    bench.beat("disarm", stamp_ns=T0 - age_ns)
+    assert bench.supervisor.ignored_heartbeats == ignored
+
+
+def test_motors_are_enabled_to_the_last_nanosecond_of_the_settling_time() -> None:
+    bench = Bench(arena(stop_settle_s=1.0)).to("running")
+    bench.order("stop")
+    bench.now += SECOND - 1
+    assert bench.assess(left_mps=0.5).enable
+    bench.now += 1
+    assert not bench.assess(left_mps=0.5).enable
+
+
+@pytest.mark.parametrize(("quiet_ns", "lost"), [(SECOND, False), (SECOND + 1, True)])
+def test_a_driver_is_lost_from_one_nanosecond_over_four_of_its_silences(quiet_ns: int, lost: bool) -> None:
+    verdict = long_active("running").assess(feedback_stamp_ns=T0 - quiet_ns)
+    assert verdict.failsafe == ("driver_lost" if lost else "driver_silent")
+
+
+def test_robots_taken_out_are_those_of_the_newest_heartbeat() -> None:
+    bench = Bench()
+    bench.beat("disarm", excluded=("r08",))
+    assert bench.supervisor.excluded == {"r08"}
+    bench.beat("disarm")
+    assert bench.supervisor.excluded == frozenset()
+
+
+def test_of_several_rows_the_gravest_speaks() -> None:
+    faulty = long_active("running").assess(driver_fault="port gone", duplicate_id=True, battery_v=1.0)
+    assert (faulty.failsafe, faulty.run) == ("driver_fault", "fault")
+    holding = long_active("running").assess(pose_valid=False, pose_stamp_ns=T0 - 151 * MS, battery_v=10.5)
+    assert (holding.failsafe, holding.run) == ("pose_invalid", "holding")
+
+
+def test_a_robot_without_power_keeps_the_reason_it_was_stopped_for() -> None:
+    bench = long_active("running")
+    bench.order("stop")
+    verdict = bench.assess(duplicate_id=True)
+    assert (verdict.run, verdict.failsafe, verdict.reason) == ("stopped", "", "the station ordered stop")
+
+
+def test_a_loop_that_has_not_run_yet_is_not_late() -> None:
+    verdict = long_active("running").assess(loop_last_step_ns=0)
+    assert (verdict.may_move, verdict.failsafe) == (True, "")
+
+
+def test_a_station_without_an_arena_file_is_told_apart_in_words() -> None:
+    bench = Bench().to("running")
+    bench.beat("run", arena_hash="")
+    assert f"arena file (none) at the station, {HASH} here" in bench.assess().reason
+
+
+def test_a_robot_whose_battery_nobody_measures_drives() -> None:
+    verdict = long_active("running").assess(battery_v=None)
+    assert (verdict.may_move, verdict.failsafe) == (True, "")
+
+
+@pytest.mark.parametrize(("volts", "speaks"), [(11.0, ""), (10.0, "battery_low")])
+def test_a_battery_at_its_threshold_is_not_below_it(volts: float, speaks: str) -> None:
+    assert long_active("running").assess(battery_v=volts).failsafe == speaks
+
+
+def test_what_is_not_said_of_a_robot_is_nothing() -> None:
+    names = ("pose_valid", "pose_reason", "pose_stamp_ns", "pose_arrival_ns", "frame_advancing", "feedback_stamp_ns")
+    defaults = Conditions(**dict.fromkeys(names), driver_active=True)[len(names) + 1 :]
+    assert defaults == ("", "", 0.0, 0.0, 0, True, False, "", None)
+
+
+def test_ages_are_seconds_exactly_and_infinite_for_never() -> None:
+    assert age_s(1, SECOND + 1) == 1.0
+    assert age_s(0, SECOND) == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({"pose_arrival_ns": T0 - 151 * MS}, "no pose frame arrives: 151 ms"),
+        ({"pose_arrival_ns": 0}, "no pose frame arrives: none yet"),
+        ({"pose_stamp_ns": T0 + 21 * MS}, "the pose is stamped in the future, beyond the clock's uncertainty"),
+        ({"pose_stamp_ns": T0 + 21 * MS}, "(negative age): 21 ms"),
+        ({"battery_v": 10.5}, "battery voltage below the low value: 10.5 V"),
+    ],
+)
+def test_a_reason_tells_what_was_seen(facts: dict[str, object], words: str) -> None:
+    assert words in long_active("running").assess(**facts).reason
+
+
+def test_a_reason_without_anything_to_tell_is_the_trigger_alone() -> None:
+    assert long_active("running").assess(duplicate_id=True).reason == "another process writes this robot's keys"
+
+
+def test_every_row_is_a_line_of_the_table() -> None:
+    lines = markdown().splitlines()
+    assert [line.split("`")[1] for line in lines[2:]] == [row.name for row in FAILSAFES]
+    assert all(line.startswith("| ") and line.endswith(" |") for line in lines[2:])
 
 
 def test_the_page_shows_the_table() -> None:
