@@ -144,9 +144,9 @@ class TargetCloud(Message, frozen=True, kw_only=True):
 Order = Literal["disarm", "arm", "run", "hold", "stop"]
 """What the station wants. ``stop`` acts by level; the others act once per ``order_id``."""
 
-Request = Literal["disarm", "arm", "run", "hold", "repeat", "home"]
+Request = Literal["disarm", "arm", "run", "hold", "repeat", "home", "exclude", "readmit"]
 """What an operator may ask of the station. ``repeat``: the same targets as a new mission; ``home``: every robot
-to its start, then disarm."""
+to its start, then disarm; ``exclude`` and ``readmit``: robots named are no part of the network, or are again."""
 
 
 class StationHeartbeat(Message, frozen=True, kw_only=True):
@@ -471,6 +471,8 @@ class RunStatus(Message, frozen=True, kw_only=True):
     lambda2: float = 0.0
     components: Count = 0
     min_distance_m: Distance = 0.0
+    excluded: tuple[RobotName, ...] = ()
+    """Taken out of the network by the operator; the mission goes on without them."""
 
 
 class LogEntry(Message, frozen=True, kw_only=True):

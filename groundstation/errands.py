@@ -66,7 +66,7 @@ def repeat(link: Link) -> int:
     """Ask for the same targets again; 0 once the session has a new mission."""
     before = next(statuses(link, ANSWER_S), None)
     if before is None:
-        return _no_session()
+        return no_session()
     for status in statuses(link, ANSWER_S, request("repeat")):
         if status.mission != before.mission:
             print(f"mission {status.mission}: {status.targets} targets open; arm, then start")
@@ -99,7 +99,7 @@ def go_home(arena: Arena, link: Link) -> int:
         link.publish(link.keys.order, request("disarm"), "order")
         print(f"\ndisarmed {len(arena.robots)} robots", file=sys.stderr)
         return 130
-    return _no_session() if status is None else 1
+    return no_session() if status is None else 1
 
 
 def _arrived(arena: Arena, link: Link, status: RunStatus) -> int:
@@ -116,6 +116,7 @@ def _arrived(arena: Arena, link: Link, status: RunStatus) -> int:
     return 0
 
 
-def _no_session() -> int:
+def no_session() -> int:
+    """Say so; exit code 1."""
     print("no station session answers; run `ahdc-groundstation session` or the demo", file=sys.stderr)
     return 1

@@ -30,7 +30,7 @@ from contract.messages import (
     StopRequest,
     TargetCloud,
 )
-from groundstation.connectivity import summary
+from groundstation.connectivity import components, disk_graph, summary
 from groundstation.failsafes import Facts, differs, refusals, stops, warnings
 
 QUORUM_PATIENCE_NS = 5_000_000_000
@@ -105,6 +105,8 @@ class Session:
         self._missions: dict[str, str] = {}
         """Robot -> the mission whose targets it knows."""
         self._crew = tuple(arena.robots)
+        self.excluded: frozenset[str] = frozenset()
+        """Taken out of the network by the operator: they stand still, and nobody waits for them."""
         self._joining = ""
         """A late robot that is being armed while the others run."""
         self._boots: dict[str, int] = {}
@@ -169,7 +171,12 @@ class Session:
 
         With ``robots``, it is for these alone: the others stay as they are, and one of the others that is
         found with power on its wheels is a stop for all.
+
+        ``exclude`` and ``readmit`` change who belongs to the network, in any phase, and no other order.
         """
+        if order == "exclude" or order == "readmit":
+            self._redraw(order, robots)
+            return
         self._joining = ""
         if order == "disarm" or (order == "arm" and self.phase == "ready"):
             self._addressees = robots
@@ -198,6 +205,32 @@ class Session:
             why = f": {self._ending}" if self.phase in ENDED else ""
             self.detail = f"{order} refused while {self.phase}{why}"[:400]
 
+    def _redraw(self, order: Literal["exclude", "readmit"], robots: tuple[str, ...]) -> None:
+        named = frozenset(robots) & frozenset(self._arena.robots)
+        if order == "exclude":
+            if not named or named | self.excluded >= frozenset(self._arena.robots):
+                self.detail = "exclude refused: name robots of the arena, not all of them"
+                return
+            self.excluded |= named
+            self._crew = tuple(name for name in self._crew if name not in named)
+            self._joining = "" if self._joining in named else self._joining
+            self.detail = f"without {', '.join(sorted(self.excluded))}; {self._left_behind()}"[:400]
+            return
+        self.excluded -= named
+        back = {r.robot for r in self.reports.values() if r.robot in named and r.run in ("armed", "running", "holding")}
+        crew = set(self._crew) | (named if self.phase != "running" else back)
+        self._crew = tuple(name for name in self._arena.robots if name in crew)
+        self.detail = f"back in the network: {', '.join(sorted(named)) or 'nobody'}"
+
+    def _left_behind(self) -> str:
+        """The pieces of the swarm that remain where they are last seen, in words."""
+        radius_m = self._arena.control.sensing_radius_m
+        names = [name for name in self._crew if name in self._places]
+        pieces = components(len(names), disk_graph([self._places[name] for name in names], radius_m))
+        if len(pieces) < 2:
+            return "the others are one piece"
+        return "they part into " + " and ".join(", ".join(names[k] for k in piece) for piece in pieces)
+
     # --- time -------------------------------------------------------------------------------------
 
     def advance(self, now_ns: int) -> None:
@@ -209,11 +242,11 @@ class Session:
         if powered:
             self._end("stopped", f"{', '.join(powered)} not released, but with power on", "stop", now_ns)
             return
-        faulty = [report for report in self.reports.values() if report.run == "fault"]
+        faulty = [r for r in self.reports.values() if r.run == "fault" and r.robot not in self.excluded]
         if faulty and self.phase != "waiting":
             self._end("failed", "; ".join(f"{r.robot}: {r.reason}" for r in faulty)[:400], "stop", now_ns)
             return
-        stopped = [report.robot for report in self.reports.values() if report.run == "stopped"]
+        stopped = [r.robot for r in self.reports.values() if r.run == "stopped" and r.robot not in self.excluded]
         if stopped and self.phase in ("armed", "running", "homing"):
             reason = self.reports[stopped[0]].reason
             self._end("stopped", f"{', '.join(stopped)} stopped: {reason}"[:400], "stop", now_ns)
@@ -285,7 +318,7 @@ class Session:
 
     def _muster(self, now_ns: int) -> None:
         """Who takes part: all, or a quorum once the others have had their time."""
-        self._crew = tuple(self._arena.robots)
+        self._crew = tuple(name for name in self._arena.robots if name not in self.excluded)
         if 0 < self._plan.quorum < len(self._crew) and now_ns - self._began_ns > QUORUM_PATIENCE_NS:
             fit = tuple(name for name in self._crew if not self._lack_of(name, now_ns))
             if len(fit) >= self._plan.quorum:
@@ -303,7 +336,8 @@ class Session:
                 self._joining = ""
                 self._give("run", now_ns)
             return
-        late = [name for name in self.missing if name in self.reports and not self._lack_of(name, now_ns)]
+        missing = (name for name in self.missing if name in self.reports and name not in self.excluded)
+        late = [name for name in missing if not self._lack_of(name, now_ns)]
         if late and self._order == "run" and not self._addressees:
             self._joining = late[0]
             self._give("arm", now_ns)
@@ -433,6 +467,7 @@ class Session:
             order_id=self._order_id,
             robots=() if self._order == "stop" else (self._joining,) if self._joining else self._addressees,
             home=self.phase == "homing" and self._order == "run",
+            excluded=tuple(sorted(self.excluded)),
             mission=self.cloud.mission,
             arena_hash=self._hash,
         )
@@ -449,6 +484,7 @@ class Session:
             lambda2=round(self._lambda2, 6),
             components=self._components,
             min_distance_m=round(self._nearest(), 5),
+            excluded=tuple(sorted(self.excluded)),
         )
 
     # --- looking ----------------------------------------------------------------------------------

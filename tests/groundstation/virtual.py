@@ -37,9 +37,9 @@ class Virtual:
     def pose(self, name: str) -> Pose:
         return self.hops.pose(name)
 
-    def order(self, order: Request) -> None:
+    def order(self, order: Request, robots: tuple[str, ...] = ()) -> None:
         self._requests += 1
-        request = OrderRequest(stamp_ns=self.now_ns, source="test", number=self._requests, order=order)
+        request = OrderRequest(stamp_ns=self.now_ns, source="test", number=self._requests, order=order, robots=robots)
         self.session.receive(request, self.now_ns)
 
     def turn(self) -> None:
