@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from contract.arena import Arena
-from contract.messages import OrderRequest, RobotName, RunStatus
+from contract.messages import OrderRequest, RunStatus
 from groundstation.current import arena_of
 from groundstation.errands import ANSWER_S, no_session, statuses
 from groundstation.link import Link, LinkError
@@ -49,7 +49,7 @@ def trouble(arena: Arena, robots: Collection[str]) -> str:
     return f"{', '.join(strangers)}: not in the arena file, which has {', '.join(arena.robots)}" if strangers else ""
 
 
-def ask(link: Link, order: Literal["exclude", "readmit"], robots: tuple[RobotName, ...]) -> int:
+def ask(link: Link, order: Literal["exclude", "readmit"], robots: tuple[str, ...]) -> int:
     """Ask until the session's status shows it."""
     number = time.time_ns() // 1_000_000
     source = f"terminal {os.getpid()}"
