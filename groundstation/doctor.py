@@ -3,6 +3,7 @@
 import argparse
 import shutil
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
@@ -99,6 +100,23 @@ def lines(results: list[CheckResult]) -> list[str]:
     return found
 
 
+def certificates(arena: Arena, now: datetime) -> list[CheckResult]:
+    """Checks of the certificates; none where the link has no keys."""
+    if not arena.link.keys:
+        return []
+    from groundstation.expiry import certificate_checks
+    from groundstation.keyring import Keyring, KeysError
+
+    keyring, names = Keyring(Path(arena.link.keys)), ("router", "bridge", "station", *arena.robots)
+    try:
+        register = keyring.register()
+    except KeysError as error:
+        if (keyring.folder / "authority").exists() or not keyring.held():
+            return [CheckResult(name="certificates", verdict="fail", seen=str(error)[:400], remedy="keys init")]
+        register = None
+    return list(certificate_checks(names, register, keyring.held(), keyring.too_open(), now))
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arena", type=Path, metavar="FILE", help="arena file (the one of the session started last)")
     parser.add_argument("--json", action="store_true", help="the checks as JSON, to standard output")
@@ -112,7 +130,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         results = preflight(listen(arena, args.wait, args.out))
     except LinkError as error:
-        results = [CheckResult(name="router", verdict="fail", seen=str(error)[:400], remedy="start the mocap bridge")]
+        remedy = "start the router" if arena.link.keys else "start the mocap bridge"
+        results = [CheckResult(name="router", verdict="fail", seen=str(error)[:400], remedy=remedy)]
+    results += certificates(arena, datetime.now(UTC))
     if args.json:
         print(msgspec.json.format(msgspec.json.encode(results)).decode())
     else:

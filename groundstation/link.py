@@ -4,6 +4,7 @@ import contextlib
 import os
 import select
 import signal
+import sys
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from contract import network
 from contract.arena import Arena, ArenaError
 from contract.codec import WireError, decode, encode
+from contract.exposure import exposure
 from contract.keys import Keys
 from contract.messages import Message
 
@@ -60,6 +62,8 @@ class Link:
         os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
         import zenoh
 
+        if words := exposure((self._endpoint,), "" if self._identity is None else "keys"):
+            print(words, file=sys.stderr, flush=True)
         config = zenoh.Config()
         for key, value in network.client_config(self._endpoint, self._timeout_s, self._identity):
             config.insert_json5(key, value)

@@ -158,15 +158,19 @@ class Page:
 
     # --- who may ------------------------------------------------------------------------------------
 
-    def allowed(self, connection: HTTPConnection, token: object) -> bool:
-        """May this browser do more than look and stop: same origin, and off-host the token."""
+    def native(self, connection: HTTPConnection) -> bool:
+        """Whether this browser shows our own page: the same origin, and without a token a host of this machine."""
         host = connection.headers.get("host", "")
         origin = connection.headers.get("origin")
         if origin is not None and origin.partition("://")[2] != host:
             return False
-        if self._token:
-            return isinstance(token, str) and secrets.compare_digest(token.encode(), self._token.encode())
-        return is_loopback(host.rsplit(":", 1)[0].strip("[]"))
+        return bool(self._token) or is_loopback(host.rsplit(":", 1)[0].strip("[]"))
+
+    def allowed(self, token: object) -> bool:
+        """May this browser do more than look and stop: off-host it needs the token."""
+        if not self._token:
+            return True
+        return isinstance(token, str) and secrets.compare_digest(token.encode(), self._token.encode())
 
 
 def is_loopback(host: str) -> bool:

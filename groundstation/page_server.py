@@ -7,6 +7,7 @@ and by POST, needs no token, no focus and no session, and is repeated here until
 import argparse
 import asyncio
 import contextlib
+import os
 import secrets
 import signal
 import sys
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import uvicorn
 
-from groundstation.current import arena_of
+from groundstation.current import arena_of, state_folder
 from groundstation.link import LinkError
 from groundstation.page_intake import Intake
 from groundstation.page_live import Page, is_loopback
@@ -82,6 +83,18 @@ def _replay(args: argparse.Namespace) -> int:
         return asyncio.run(_serve(ReplayPage(arena, link, token, playback), args.host, args.port, token))
 
 
+def told(token: str) -> str:
+    """What follows the address: the token on a terminal, the file it is in where this is a log."""
+    if not token or sys.stdout.isatty():
+        return f"#token={token}" if token else ""
+    path = state_folder() / "page-token"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(f"{token}\n")
+    return f"#token=... (in {path})"
+
+
 async def _serve(page: Page, host: str, port: int, token: str) -> int:
     config = uvicorn.Config(
         application(page),
@@ -100,7 +113,7 @@ async def _serve(page: Page, host: str, port: int, token: str) -> int:
     if server.started:
         number = server.servers[0].sockets[0].getsockname()[1]
         shown = f"[{host}]" if ":" in host else host
-        print(f"READY page http://{shown}:{number}/{'#token=' + token if token else ''}", flush=True)
+        print(f"READY page http://{shown}:{number}/{told(token)}", flush=True)
     try:
         await serving
     except SystemExit:

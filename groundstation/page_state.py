@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from contract.arena import Arena
+from contract.exposure import exposure
 from contract.messages import RobotReport, TargetCloud
 from groundstation.connectivity import tree_floor
 from groundstation.page_bar import bar
@@ -53,7 +54,7 @@ class PageState(PageMemory):
             "history": list(self.history),
             "marks": self.marks,
             "events": list(self.events),
-            "insecure": arena.link.insecure,
+            "insecure": exposure((arena.link.router,), arena.link.keys),
         }
 
     @property

@@ -1,26 +1,39 @@
-"""The arena page's routes: the page and its files, the socket, STOP by POST."""
+"""The arena page's routes: the page and its files, the socket, STOP by POST.
+
+A page of another origin gets no socket. A STOP is obeyed from anywhere and whatever its body: the safe way to err.
+"""
 
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, MutableMapping
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import msgspec
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from contract.exposure import exposure
 from groundstation.page_client import Client
 from groundstation.page_live import Page
 
 WEB = Path(__file__).parent / "web"
 MOST_TEXT = 256 << 10
+MOST_STOP = 4 << 10
+BANNER = (
+    "position:fixed;z-index:9;top:0;left:50%;transform:translateX(-50%);padding:1px 14px;border-radius:0 0 8px 8px;"
+    "background:var(--amber);color:var(--on-amber);font-size:14px;font-weight:700;pointer-events:none"
+)
 HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
     "X-Content-Type-Options": "nosniff",
 }
@@ -30,17 +43,22 @@ def application(page: Page) -> Starlette:
     """The routes: the page and its files, the socket, STOP by POST."""
 
     async def index(request: Request) -> Response:
-        return FileResponse(WEB / "index.html", headers=HEADERS)
+        return HTMLResponse(html(exposure((page.arena.link.router,), page.arena.link.keys)), headers=HEADERS)
 
     async def stop(request: Request) -> Response:
+        content, whole = await _read(request)
         try:
-            body = msgspec.json.decode(await request.body())
+            body = msgspec.json.decode(content)
         except msgspec.DecodeError:
             body = {}
         body = body if isinstance(body, dict) else {}
-        return JSONResponse({"stop_id": page.stop(body.get("id"), body.get("source"))})
+        answer = {"stop_id": page.stop(body.get("id"), body.get("source"))}
+        return JSONResponse(answer, 200 if whole else 413, headers=HEADERS)
 
     async def socket(websocket: WebSocket) -> None:
+        if not page.native(websocket):
+            await websocket.close()
+            return
         await websocket.accept()
         client = Client()
         client.answer(page.layout())
@@ -48,7 +66,7 @@ def application(page: Page) -> Starlette:
         sender = asyncio.create_task(_send(websocket, client))
         try:
             while True:
-                _heard(page, websocket, client, await websocket.receive_text())
+                _heard(page, client, await websocket.receive_text())
         except (WebSocketDisconnect, RuntimeError, KeyError):
             pass
         finally:
@@ -79,7 +97,24 @@ class Files(StaticFiles):
         return response
 
 
-def _heard(page: Page, websocket: WebSocket, client: Client, text: str) -> None:
+async def _read(request: Request) -> tuple[bytes, bool]:
+    """The body, or as much of it as a STOP may have; and whether that is all."""
+    content = b""
+    async for chunk in request.stream():
+        content += chunk
+        if len(content) > MOST_STOP:
+            return b"", False
+    return content, True
+
+
+def html(warning: str) -> str:
+    """The page, with a warning on top where there is one."""
+    text = (WEB / "index.html").read_text(encoding="utf-8")
+    banner = f'<p role="alert" style="{BANNER}">{escape(warning)}</p>' if warning else ""
+    return text.replace("</body>", f"{banner}</body>")
+
+
+def _heard(page: Page, client: Client, text: str) -> None:
     """One message of a browser; what cannot be read is answered, never fatal."""
     try:
         message = msgspec.json.decode(text)
@@ -89,7 +124,7 @@ def _heard(page: Page, websocket: WebSocket, client: Client, text: str) -> None:
         client.answer({"kind": "answer", "to": None, "text": "a JSON object is needed"})
     elif message.get("do") == "stop":
         page.stop(message.get("id"), message.get("source"))
-    elif not page.allowed(websocket, message.get("token")):
+    elif not page.allowed(message.get("token")):
         text = "not allowed from here: open the page by the address its server printed"
         client.answer({"kind": "answer", "to": message.get("to"), "text": text})
     else:

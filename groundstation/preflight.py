@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from contract.arena import Arena
 from contract.checks import CheckResult, Verdict
+from contract.exposure import exposure
 from contract.margins import cut_m, stopping_m
 from contract.messages import MocapHealth, RobotReport
 from groundstation.failsafes import STATION_FAILSAFES, Facts
@@ -47,9 +48,9 @@ def _arena_checks(arena: Arena) -> Iterator[CheckResult]:
     cut = cut_m(control.max_speed_mps, safety.watchdog_s, arena.platform.coast_deceleration_mps2)
     seen = f"from {control.max_speed_mps:g} m/s: {braked:.2f} m braked, {cut:.2f} m cut off"
     yield _check("margins", "pass", seen)
-    insecure = not arena.link.router.startswith(("tcp/127.", "tcp/localhost")) and arena.link.insecure
-    words = "the router is reachable from outside, without certificates" if insecure else arena.link.router
-    yield _check("link", "warn" if insecure else "pass", words, "set up certificates" if insecure else "")
+    insecure = exposure((arena.link.router, *arena.link.listen), arena.link.keys)
+    remedy = "set up certificates: docs/network.md" if insecure else ""
+    yield _check("link", "warn" if insecure else "pass", insecure or arena.link.router, remedy)
     unset = not safety.battery_critical_v
     words = "no battery threshold is set" if unset else f"critical below {safety.battery_critical_v:g} V"
     remedy = "set safety.battery_low_v and battery_critical_v" if unset else ""

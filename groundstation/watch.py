@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from contract.arena import Arena
+from contract.exposure import exposure
 from contract.messages import LogEntry, Message, MocapHealth, RobotReport, RunStatus
 from groundstation.current import arena_of
 from groundstation.link import Link, LinkError
@@ -91,7 +92,11 @@ class Watch:
         )
 
     def headline(self, now_s: float) -> str:
-        """Phase, progress, network and time in one line."""
+        """Phase, progress, network and time in one line; first of all, that the link is open to anybody."""
+        words = exposure((self.arena.link.router,), self.arena.link.keys)
+        return f"{words}  {self._headline(now_s)}" if words else self._headline(now_s)
+
+    def _headline(self, now_s: float) -> str:
         status = self.status
         if status is None or now_s - self._status_s > SILENT_S:
             return "no station session; robots stop without its heartbeat"

@@ -1,6 +1,7 @@
 """The arena page's server over real sockets, with the websockets package as the browser."""
 
 import asyncio
+import contextlib
 import json
 import socket
 import threading
@@ -11,15 +12,18 @@ from typing import Any
 
 import pytest
 import uvicorn
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from contract.arena import load
+from contract.exposure import WARNING
 from contract.keys import Keys
 from contract.messages import Message, OrderRequest, RunStatus, StopRequest, TargetCloud
 from groundstation import rig
 from groundstation.page_client import Client
 from groundstation.page_live import Page, is_loopback
-from groundstation.page_web import application
+from groundstation.page_server import told
+from groundstation.page_web import MOST_TEXT, application, html
 
 ARENA = load(rig.find_arena("experiment2"))
 
@@ -54,7 +58,9 @@ class Served:
     def __init__(self, token: str = "") -> None:
         self.wire = Wire()
         self.page = Page(ARENA, self.wire, token)  # type: ignore[arg-type]
-        config = uvicorn.Config(application(self.page), port=0, log_level="error", ws_per_message_deflate=False)
+        config = uvicorn.Config(
+            application(self.page), port=0, log_level="error", ws_per_message_deflate=False, ws_max_size=MOST_TEXT
+        )
         self.server = uvicorn.Server(config)
         self.started = threading.Event()
         self.thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
@@ -156,16 +162,58 @@ def test_stop_works_whatever_the_body_and_wherever_from(served: Served, body: by
     assert isinstance(served.wire.wait_for(StopRequest), StopRequest)
 
 
-def test_only_this_page_may_order(served: Served) -> None:
+def test_only_this_page_gets_a_socket_and_may_order(served: Served) -> None:
     here = f"http://127.0.0.1:{served.port}"
-    with served.socket(origin="http://elsewhere.example") as browser:
-        assert "not allowed" in ask(browser, do="order", order="arm")
-    with served.socket_by_name("rebound.example") as browser:
-        assert "not allowed" in ask(browser, do="order", order="arm")
+    with pytest.raises(InvalidStatus):
+        served.socket(origin="http://elsewhere.example")
+    with pytest.raises(InvalidStatus):
+        served.socket_by_name("rebound.example")
     assert not served.wire.sent
     with served.socket(origin=here) as browser:
         assert ask(browser, do="order", order="arm") == ""
     assert served.wire.wait_for(OrderRequest).order == "arm"  # type: ignore[attr-defined]
+
+
+def test_an_oversized_stop_is_obeyed_and_its_body_is_not_read(served: Served) -> None:
+    body = b'{"id": 5, "source": "' + b"x" * (1 << 20) + b'"}'
+    with contextlib.suppress(OSError):
+        served.post("/stop", body)
+    stop = served.wire.wait_for(StopRequest)
+    assert (stop.source, stop.stop_id != 5) == ("the page", True)  # type: ignore[attr-defined]
+
+
+def test_an_oversized_message_ends_the_socket_and_orders_nothing(served: Served) -> None:
+    with served.socket() as browser:
+        browser.send(json.dumps({"do": "order", "order": "arm", "pad": "x" * (MOST_TEXT + 1)}))
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                browser.recv(timeout=10)
+        assert browser.close_code == 1009
+    assert not served.wire.sent
+
+
+def test_no_page_of_others_may_hold_this_one_in_a_frame(served: Served) -> None:
+    _, policy = served.get("/")
+    assert "frame-ancestors 'none'" in policy
+    assert "script-src" not in policy, "scripts come from here alone, by default-src"
+    assert "default-src 'self'" in policy
+
+
+def test_an_open_link_is_said_on_the_page() -> None:
+    assert 'role="alert"' not in html("")
+    assert "INSECURE LINK: anybody" in html(WARNING)
+
+
+def test_the_token_is_kept_out_of_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    assert told("") == ""
+    for token in ("first-secret", "second-secret"):
+        words = told(token)
+        assert "secret" not in words
+        path = tmp_path / "ahdc" / "page-token"
+        assert str(path) in words
+        assert (path.read_text(), path.stat().st_mode & 0o777) == (f"{token}\n", 0o600)
 
 
 def test_off_host_the_token_is_needed_for_orders_never_for_stop() -> None:
