@@ -35,6 +35,19 @@ def parser() -> argparse.ArgumentParser:
     )
     check.add_argument("--arena", type=Path, required=True, metavar="FILE", help="arena file (TOML)")
     check.add_argument("--robot", required=True, metavar="ID", help="which robot of the arena file")
+    doctor = verbs.add_parser(
+        "doctor",
+        allow_abbrev=False,
+        help="check this computer for what makes the loop late",
+        description="Look at governor, clock, Wi-Fi, FTDI, CAN, chrony, limits and interpreter; changes nothing.",
+    )
+    doctor.add_argument("--json", action="store_true", help="the findings as JSON, to standard output")
+    doctor.add_argument("--strict", action="store_true", help="exit code 1 for a warning too")
+    doctor.add_argument(
+        "--jitter", action="store_true", help="measure how late a loop wakes, with and without each setting"
+    )
+    doctor.add_argument("--turns", type=int, default=5, metavar="N", help="with --jitter: turns (%(default)s)")
+    doctor.add_argument("--seconds", type=float, default=1.0, metavar="S", help="with --jitter: of each try (%(default)g s)")
     verbs.add_parser(
         "failsafes",
         allow_abbrev=False,
@@ -47,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
-        code = {"run": run, "check": check, "failsafes": failsafes}[arguments.verb](arguments)
+        code = {"run": run, "check": check, "doctor": doctor, "failsafes": failsafes}[arguments.verb](arguments)
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -72,6 +85,12 @@ def check(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_INPUT
     return EXIT_GOOD
+
+
+def doctor(arguments: argparse.Namespace) -> int:
+    from onboard import doctor as verb
+
+    return verb.run(arguments)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ shared computer. With nothing arriving the same poll ticks the agent at 50 Hz or
 orders wake the loop: neighbours' states and wheel feedback are of use to the next control step alone.
 """
 
-import gc
 import os
 import select
 import signal
@@ -31,7 +30,7 @@ from drivers.registry import open_robot, wheel_faults
 from onboard.agent import Agent, Drive
 from onboard.inbox import Inbox, read
 from onboard.journal import JournalledAgent
-from onboard.service import Service, lock_memory
+from onboard.service import Service, lock_memory, quiet
 
 TICK_NS = 18_000_000
 HOUSEKEEPING_NS = 2_000_000
@@ -86,11 +85,9 @@ class Runtime:
             try:
                 self._join(session, zenoh)
                 self._wheels.open(time.monotonic_ns())
-                gc.collect()
-                gc.freeze()
-                gc.set_threshold(50_000, 20, 100)
-                if self._service.managed:
-                    lock_memory()
+                quiet()
+                if self._service.managed and not lock_memory():
+                    print(f"{self._robot}: memory is not locked (LimitMEMLOCK); go on", file=sys.stderr, flush=True)
                 self._service.ready(self._state)
                 print(f"READY {self._robot}", flush=True)
                 self._loop()

@@ -1,0 +1,140 @@
+"""How late a loop of the control loop's kind wakes up on this computer, with and without what may make it steadier.
+
+Each setting is tried in a process of its own, in turns with all the others, so that what else the computer does
+meets them alike; only ratios within a turn are compared.
+"""
+
+import json
+import os
+import select
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from onboard.service import lock_memory, quiet
+
+PERIOD_NS = 10_000_000
+BATCH = 300
+"""Objects a step makes and drops, as decoding a frame and planning do."""
+
+
+class Lateness(NamedTuple):
+    """Of one setting, microseconds after the due time."""
+
+    setting: str
+    p50_us: float
+    p99_us: float
+    max_us: float
+    ratio: float
+    """p99 against that of ``AS_IT_IS`` in the same turn, median over the turns."""
+    refused: str = ""
+    """Why it could not be tried here."""
+
+
+def _locked() -> None:
+    if not lock_memory():
+        raise PermissionError("mlockall is refused; LimitMEMLOCK")
+
+
+def _fifo() -> None:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
+
+
+def _one_core() -> None:
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def _nice() -> None:
+    os.nice(-10)
+
+
+def _nothing() -> None:
+    return
+
+
+AS_IT_IS = "as it is"
+SETTINGS: dict[str, Callable[[], None]] = {
+    AS_IT_IS: _nothing,
+    "garbage collector quiet": quiet,
+    "memory locked": _locked,
+    "nice -10": _nice,
+    "one core": _one_core,
+    "SCHED_FIFO 50": _fifo,
+}
+
+
+def compare(turns: int, seconds: float) -> list[Lateness]:
+    """Every setting ``turns`` times for ``seconds`` each."""
+    samples: dict[str, list[list[float]]] = {name: [] for name in SETTINGS}
+    refused: dict[str, str] = {}
+    for _ in range(turns):
+        for name, setting in SETTINGS.items():
+            if name not in refused:
+                found = tried(setting, seconds)
+                if isinstance(found, str):
+                    refused[name] = found
+                else:
+                    samples[name].append(found)
+    return summary(samples, refused)
+
+
+def summary(samples: dict[str, list[list[float]]], refused: dict[str, str]) -> list[Lateness]:
+    """One row a setting from its turns' samples, in microseconds."""
+    rows = []
+    for name, blocks in samples.items():
+        if not blocks or name in refused:
+            rows.append(Lateness(name, 0.0, 0.0, 0.0, 0.0, refused.get(name, "no samples")))
+            continue
+        whole = sorted(value for block in blocks for value in block)
+        pairs = [share(own, 0.99) / share(base, 0.99) for own, base in zip(blocks, samples[AS_IT_IS], strict=False)]
+        ratio = statistics.median(pairs) if pairs else 0.0
+        rows.append(Lateness(name, share(whole, 0.5), share(whole, 0.99), whole[-1], ratio))
+    return rows
+
+
+def share(values: Sequence[float], part: float) -> float:
+    """The value that ``part`` of the values do not exceed; never below 1, for ratios."""
+    ordered = sorted(values)
+    return max(1.0, ordered[min(len(ordered) - 1, int(part * len(ordered)))])
+
+
+def tried(setting: Callable[[], None], seconds: float) -> list[float] | str:
+    """Lateness of every step in a process with that setting, microseconds; or why it is refused."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if not child:
+        answer: object = "it ended early"
+        try:
+            os.close(reader)
+            setting()
+            answer = measured(seconds)
+        except OSError as error:
+            answer = error.strerror or str(error)
+        finally:
+            with os.fdopen(writer, "w") as pipe:
+                json.dump(answer, pipe)
+            os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader) as pipe:
+        text = pipe.read()
+    os.waitpid(child, 0)
+    found: list[float] | str = json.loads(text) if text else "it ended early"
+    return found
+
+
+def measured(seconds: float) -> list[float]:
+    """Lateness of every step, microseconds."""
+    poll = select.poll()
+    late_us = []
+    due_ns = time.monotonic_ns() + PERIOD_NS
+    end_ns = due_ns + int(seconds * 1e9)
+    while due_ns < end_ns:
+        poll.poll(max(0, due_ns - time.monotonic_ns()) / 1e6)
+        while time.monotonic_ns() < due_ns:
+            poll.poll(0)
+        late_us.append((time.monotonic_ns() - due_ns) / 1e3)
+        kept = [{"x_m": float(index), "other": [index]} for index in range(BATCH)]
+        kept[0]["self"] = kept
+        due_ns += PERIOD_NS
+    return late_us

@@ -1,0 +1,157 @@
+"""The robot computer's doctor against trees of files: each bad value is found and named, a good computer passes."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from onboard.checkup import CHECKS, checkup
+from onboard.cli import main
+from onboard.computer import UNLIMITED, Snapshot, snapshot
+from onboard.doctor import lines, table
+from onboard.jitter import AS_IT_IS, SETTINGS, compare, share, summary
+
+GOOD = {
+    "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor": "performance\n",
+    "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor": "performance\n",
+    "sys/devices/system/clocksource/clocksource0/current_clocksource": "tsc\n",
+    "sys/devices/system/clocksource/clocksource0/available_clocksource": "tsc hpet acpi_pm\n",
+    "sys/bus/usb-serial/devices/ttyUSB0/latency_timer": "1\n",
+    "sys/class/net/can0/tx_queue_len": "128\n",
+    "sys/class/net/can0/type": "280\n",
+    "sys/class/net/eth0/tx_queue_len": "10\n",
+    "sys/class/net/eth0/type": "1\n",
+    "proc/swaps": "Filename Type Size Used Priority\n",
+    "chronyc-tracking": "System time     : 0.000012345 seconds slow of NTP time\nLeap status     : Normal\n",
+}
+WELL = {"locked_kb": UNLIMITED, "niceness": -10, "realtime": 50, "cores": 4, "allowed_cores": 4, "optimised": True}
+
+
+def tree(root: Path, changes: dict[str, str]) -> Snapshot:
+    for name, text in (GOOD | changes).items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return snapshot(root)._replace(**WELL)  # type: ignore[arg-type]
+
+
+def test_a_good_computer_passes(tmp_path: Path) -> None:
+    results = checkup(tree(tmp_path, {}))
+    assert {result.verdict for result in results} == {"pass"}
+    assert all(not result.remedy for result in results)
+    assert len(results) >= len(CHECKS) - 1
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "name", "seen", "remedy"),
+    [
+        (
+            "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor",
+            "powersave",
+            "CPU governor",
+            "cpu1",
+            "scaling_governor",
+        ),
+        ("sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet", "clock source", "hpet", "echo tsc"),
+        (
+            "sys/bus/usb-serial/devices/ttyUSB0/latency_timer",
+            "16",
+            "FTDI latency timer",
+            "16 ms",
+            "ttyUSB0/latency_timer",
+        ),
+        ("sys/class/net/can0/tx_queue_len", "10", "CAN transmit queue", "10 frames", "can0 txqueuelen"),
+        ("proc/swaps", "Filename\n/swap file 1000 0 -2\n", "swap", "1000 kB", "swapoff"),
+        ("chronyc-tracking", "", "chrony", "does not run", "apt-get install chrony"),
+        ("chronyc-tracking", "Leap status : Not synchronised\n", "chrony", "Not sync", "chrony.conf"),
+        (
+            "chronyc-tracking",
+            "System time : 0.020000000 seconds fast of NTP time\nLeap status : Normal\n",
+            "chrony",
+            "+20.0 ms",
+            "waitsync",
+        ),
+        ("sys/devices/platform/soc/soc:firmware/get_throttled", "50005", "throttling", "50005", "supply"),
+    ],
+)
+def test_each_finding_has_its_remedy(tmp_path: Path, file: str, text: str, name: str, seen: str, remedy: str) -> None:
+    wrong = [result for result in checkup(tree(tmp_path, {file: text})) if result.verdict != "pass"]
+    assert [result.name for result in wrong] == [name]
+    assert seen in wrong[0].seen
+    assert remedy in wrong[0].remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "remedy"),
+    [
+        ({"locked_kb": 64}, "memory locking", "LimitMEMLOCK"),
+        ({"niceness": 0}, "priority", "Nice=-10"),
+        ({"cores": 1, "allowed_cores": 1}, "cores", "jitter"),
+        ({"optimised": False}, "Python build", "--enable-optimizations"),
+        ({"power_save": {"wlan0": True}}, "Wi-Fi power save", "wlan0 set power_save off"),
+    ],
+)
+def test_limits_and_interpreter(tmp_path: Path, change: dict[str, object], name: str, remedy: str) -> None:
+    wrong = [r for r in checkup(tree(tmp_path, {})._replace(**change)) if r.verdict != "pass"]  # type: ignore[arg-type]
+    assert [result.name for result in wrong] == [name]
+    assert remedy in wrong[0].remedy
+
+
+def test_ethernet_is_no_can_bus(tmp_path: Path) -> None:
+    assert tree(tmp_path, {}).can_queue == {"can0": 128}
+
+
+@given(text=st.text(max_size=30))
+def test_no_content_of_a_file_crashes_it(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    root = tmp_path_factory.mktemp("tree")
+    assert checkup(tree(root, {name: text for name in GOOD if name != "proc/swaps"}))
+
+
+def test_an_empty_tree_has_nothing_to_say(tmp_path: Path) -> None:
+    now = snapshot(tmp_path)
+    assert (now.governors, now.latency_ms, now.can_queue, now.chrony) == ({}, {}, {}, "")
+    assert lines(checkup(now))
+
+
+def test_this_very_computer_can_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {"CPU governor", "chrony", "Python build"} <= {entry["name"] for entry in found}
+
+
+def test_lines_put_the_remedy_below(tmp_path: Path) -> None:
+    text = "\n".join(lines(checkup(tree(tmp_path, {"sys/class/net/can0/tx_queue_len": "10"}))))
+    assert "WARN  CAN transmit queue can0  10 frames\n" in text
+    assert "-> sudo ip link set can0 txqueuelen 128" in text
+
+
+def test_share_is_the_value_not_exceeded() -> None:
+    assert share([5.0, 1.0, 3.0, 2.0, 4.0], 0.5) == 3.0
+    assert share([float(n) for n in range(1, 101)], 0.99) == 100.0
+    assert share([0.0], 0.99) == 1.0, "ratios need something to divide by"
+
+
+def test_ratios_are_within_a_turn_and_refusals_are_told() -> None:
+    base = [[10.0] * 10, [100.0] * 10, [20.0] * 10]
+    half = [[5.0] * 10, [50.0] * 10, [10.0] * 10]
+    rows = summary({AS_IT_IS: base, "half": half, "not here": []}, {"not here": "Operation not permitted"})
+    assert [row.ratio for row in rows] == [1.0, 0.5, 0.0]
+    assert rows[0].max_us == 100.0
+    assert "not permitted: Operation not permitted" in table(rows)[-1]
+
+
+def test_every_setting_is_tried_in_a_process_of_its_own() -> None:
+    before = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0), os.sched_getscheduler(0)
+    rows = compare(1, 0.05)
+    assert [row.setting for row in rows] == list(SETTINGS)
+    assert all(row.refused or row.p50_us >= 0.0 < row.ratio for row in rows)
+    assert not rows[0].refused
+    assert (os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0), os.sched_getscheduler(0)) == before
+
+
+@pytest.mark.parametrize("words", [["--turns", "0"], ["--seconds", "0"]])
+def test_a_measurement_that_cannot_be_is_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--jitter", *words]) == 2
+    assert "--turns" in capsys.readouterr().err
