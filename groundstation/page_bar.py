@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from groundstation.page_links import Network
-from groundstation.page_missing import BRIDGE, ROUTER, Missing
+from groundstation.page_missing import Missing
 from groundstation.page_reasons import seconds
 from groundstation.page_seed import unreachable
 from groundstation.page_stop import CONFIRM_NS
@@ -92,7 +92,7 @@ def _run(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None, n
             return said("STOPPED", "stop", "red", "releasing")
         return said("STOPPED", "stop", "red", f"Latched by {stop['source']}")
     if status is None or not state.station_alive(now_ns):
-        return said("NO STATION", "caution", "amber", "Start it: ahdc-groundstation session")
+        return said("NO STATION", "caution", "amber", "Run ahdc-groundstation session")
     may, idle = _movers(rows)
     order = state.heartbeat.order if state.heartbeat is not None else ""
     if status.phase == "homing":
@@ -106,7 +106,7 @@ def _run(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None, n
     if status.phase == "armed":
         return said("ARMED", "armed", "blue", "Wheels hold. Start moves robots")
     if status.phase == "completed":
-        return said("COMPLETED", "done", "blue", f"{status.detail}. Wheels locked")
+        return said("COMPLETED", "done", "blue", "Wheels locked" if status.detail.startswith("all ") else status.detail)
     if status.phase in ("failed", "stopped"):
         return said("FAILED", "caution", "amber", status.detail)
     if order == "arm":
@@ -132,12 +132,11 @@ def _robots(rows: Sequence[Row], stop: dict[str, Any] | None, gone: Sequence[Mis
         }
     faults = [row for row in rows if row.get("trouble", {}).get("level") == "fault"]
     cautions = [row for row in rows if row.get("trouble", {}).get("level") == "caution"]
-    if gone and (not faults or gone[0].part in (ROUTER, BRIDGE)):
+    if gone and (not faults or gone[0].level == "fault"):
         part = gone[0]
         tone = "red" if part.level == "fault" else "amber"
         name, _, state_word = part.title.rpartition(" ")
-        sub = part.now.partition(". ")[0]
-        return {"label": f"for {part.value}", "big": name, "of": state_word, "sub": sub, "tone": tone}
+        return {"label": f"for {part.value}", "big": name, "of": state_word, "sub": part.short, "tone": tone}
     if faults or cautions:
         tone, these = ("red", faults) if faults else ("amber", cautions)
         first = these[0]

@@ -18,6 +18,8 @@ class Missing(NamedTuple):
 
     part: str
     level: Level
+    short: str
+    """What it means, in the bar."""
     title: str
     since_s: float
     value: str
@@ -60,7 +62,7 @@ def missing(arena: Arena, roll: Roll, station_silent_s: float | None, now_ns: in
     if bridge_s is not None and not roll.present - {PAGE}:
         return [
             Missing(
-                ROUTER, "fault", "Router gone", bridge_s, seconds(bridge_s),
+                ROUTER, "fault", "robots hold, then stop", "Router gone", bridge_s, seconds(bridge_s),
                 "Every process has left the network at once: the router ended, or this computer's network is down",
                 f"Robots hold after {safety.pose_silence_s:g} s without poses and stop after "
                 f"{4 * safety.heartbeat_timeout_s:g} s without the station. STOP does not reach them",
@@ -71,7 +73,8 @@ def missing(arena: Arena, roll: Roll, station_silent_s: float | None, now_ns: in
     if bridge_s is not None:
         found.append(
             Missing(
-                BRIDGE, "fault", "Mocap bridge gone", bridge_s, seconds(bridge_s), "Its process has ended",
+                BRIDGE, "fault", "no poses, robots hold", "Mocap bridge gone", bridge_s, seconds(bridge_s),
+                "Its process has ended",
                 f"No poses: robots hold after {safety.pose_silence_s:g} s, and go on by themselves with the next pose",
                 "Start it: ahdc-mocap-bridge run",
             )
@@ -79,11 +82,11 @@ def missing(arena: Arena, roll: Roll, station_silent_s: float | None, now_ns: in
     station_s = roll.since_s(STATION, now_ns)
     if station_s is not None or station_silent_s is not None:
         since_s = max(station_s or 0.0, station_silent_s or 0.0)
+        title = "Station gone" if station_s is not None else "Station silent"
         why = "Its process has ended" if station_s is not None else "It hangs, or its network is down"
         found.append(
             Missing(
-                STATION, "fault", "Station gone" if station_s is not None else "Station silent", since_s,
-                seconds(since_s), why,
+                STATION, "fault", "robots hold, then stop", title, since_s, seconds(since_s), why,
                 f"Robots hold after {safety.heartbeat_timeout_s:g} s and stop after "
                 f"{4 * safety.heartbeat_timeout_s:g} s without it. STOP works",
                 "Start it: ahdc-groundstation session. It goes on with this mission; then release, arm, start",
@@ -93,7 +96,8 @@ def missing(arena: Arena, roll: Roll, station_silent_s: float | None, now_ns: in
     if recorder_s is not None:
         found.append(
             Missing(
-                RECORDER, "caution", "Recorder gone", recorder_s, seconds(recorder_s), "Its process has ended",
+                RECORDER, "caution", "robots go on, unrecorded", "Recorder gone", recorder_s, seconds(recorder_s),
+                "Its process has ended",
                 "The mission goes on, unrecorded. What was written is kept, but for the last second",
                 "Start it: ahdc-groundstation record. The earlier file: ahdc-groundstation recover",
             )

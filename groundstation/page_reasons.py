@@ -88,12 +88,15 @@ def _mismatch(arena: Arena, report: RobotReport) -> Complaint | None:
     return None
 
 
-_DIGESTS: dict[int, str] = {}
+_DIGESTS: dict[int, tuple[Arena, str]] = {}
+"""By identity; the arena is kept, so that no other takes its identity."""
 
 
 def digest_of(arena: Arena) -> str:
     """:func:`contract.arena.digest`, worked out once an arena."""
-    return _DIGESTS.setdefault(id(arena), digest(arena))
+    if id(arena) not in _DIGESTS:
+        _DIGESTS[id(arena)] = (arena, digest(arena))
+    return _DIGESTS[id(arena)][1]
 
 
 def _wheels(report: RobotReport) -> str:

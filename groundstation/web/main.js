@@ -80,11 +80,12 @@ function drawAll() {
   body.toggle("stopped", stopped); body.toggle("aged", age() > AGED_MS && !view.replay); body.toggle("replay", Boolean(view.replay));
   replay.draw(view.replay);
   document.body.dataset.run = stopped ? local.state : view.run.state;
+  document.body.dataset.scene = view.scene ?? "";
   drawBar(view, local);
   drawParts(view.missing || []);
   drawRows(view, layout, map.selected, (id) => { map.selected = map.selected === id ? null : id; });
   seed.open = view.can.seed && !stopped;
-  const placing = !stopped && ["DISARMED", "NO STATION"].includes(view.run.state);
+  const placing = !stopped && (view.run.state === "DISARMED" || (view.run.state === "NO STATION" && !view.elapsed));
   $("seed").hidden = !placing; $("release").hidden = !view.stop;
   $("chart-panel").hidden = placing || Boolean(view.stop); $("log").hidden = placing && view.checks.length > 4;
   if (placing) {
@@ -158,6 +159,7 @@ function select(step) {
 document.addEventListener("keydown", (event) => {
   if (event.target.tagName === "INPUT" || event.ctrlKey || event.metaKey || event.altKey || !view) return;
   const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
+  if (view.stop && key === "R" && !$("release").hidden) { $("release-word").focus(); return; } // the word begins with it
   if (view.replay && replay.key(event)) { event.preventDefault(); return; }
   if (seed.key(event, document.activeElement === $("map"))) { event.preventDefault(); return; }
   if (HELD.includes(key)) { event.preventDefault(); if (!event.repeat) { holdFrom = performance.now(); held = key; } return; }

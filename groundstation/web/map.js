@@ -78,13 +78,14 @@ export class ArenaMap {
     if (this.rings && chosen && !shown.stopped) this.drawRings(chosen);
     robots.forEach((r) => this.drawDoubt(r));
     this.drawLinks(robots, view.links, seed.open);
+    if (seed.open) this.drawReach(seed);
     this.drawStarts(robots);
     this.drawClaims(robots, view, seed.points);
     this.drawTargets(view.targets, seed);
     robots.forEach((r, k) => this.drawRobot(r, this.layout.labels[k], shown.stopped));
     this.drawRingNames(chosen, shown.stopped);
     this.drawSeed(seed);
-    this.drawCallouts(robots, view, seed, shown.stopped);
+    if (!shown.noData) this.drawCallouts(robots, view, seed, shown.stopped);
     if (shown.noData) this.drawNoData(shown.noData);
     if (!seed.points.length && seed.open) this.say(this.box.x + this.box.w / 2, this.box.y + this.box.h / 2, "No targets", "Click to place, drag for a cloud.", "--blue", true);
     if (robots.every((r) => r.x === undefined) && !shown.noData) this.say(this.box.x + this.box.w / 2, this.box.y + 40, "No robot seen yet", "Waiting for poses of " + this.layout.labels.join(", "), "--critical", false);
@@ -218,6 +219,14 @@ export class ArenaMap {
     });
   }
 
+  /** Which target is reached from which: the shortest ways that join them all. */
+  drawReach(seed) {
+    const c = this.c;
+    c.strokeStyle = color("--line"); c.lineWidth = 2; c.beginPath();
+    for (const [a, b] of seed.ways) { c.moveTo(...this.toScreen(...seed.points[a])); c.lineTo(...this.toScreen(...seed.points[b])); }
+    c.stroke();
+  }
+
   drawClaims(robots, view, points) {
     const c = this.c;
     c.strokeStyle = color("--ink"); c.lineWidth = 1.8; c.setLineDash([2, 4]);
@@ -316,6 +325,7 @@ export class ArenaMap {
       return;
     }
     let left = 2;
+    const told = new Set(); // one callout for what many have in common
     robots.forEach((r, k) => {
       if (r.x === undefined || left === 0) return;
       const [x, y] = this.toScreen(r.x, r.y), name = this.layout.labels[k];
@@ -323,8 +333,9 @@ export class ArenaMap {
         left -= 1;
         const fast = (r.mps || 0) > 0.03;
         this.place(x, y, fast ? `${name} still moving` : `${name} no answer`, `${fast ? `${r.mps.toFixed(2)} m/s, no` : "No"} answer to STOP. Keep out.`, "--red", true);
-      } else if (r.trouble?.level === "fault" && !(stopped && r.run === "stopped")) {
+      } else if (r.trouble?.level === "fault" && !(stopped && r.run === "stopped") && !told.has(r.trouble.title)) {
         left -= 1;
+        told.add(r.trouble.title);
         this.place(x, y, `${name} ${r.trouble.title} ${r.trouble.value}`.trim(), r.valid === false ? "Last seen here. Keep clear." : r.trouble.now, "--red", true);
       }
     });

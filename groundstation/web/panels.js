@@ -12,14 +12,15 @@ const lambda = (words) => escape(words).replace("λ2", "λ<sub>2</sub>");
 
 export function drawBar(view, local) {
   const stop = view.stop, run = local && local.state !== "STOPPED" ? { state: local.state === "NOT CONFIRMED" ? "STOP ?" : local.state, icon: "stop", tone: "red", sub: local.sub || view.run.sub } : view.run;
-  text($("run-word"), run.state); text($("run-sub"), run.sub);
+  text($("run-word"), run.state); $("run").classList.toggle("long", run.state.length > 8); text($("run-sub"), run.sub);
   html($("run-icon"), `<span style="--hole:var(--red);display:contents">${icons[run.icon]}</span>`);
   $("run-icon").style.color = run.tone === "amber" ? "var(--amber)" : document.body.classList.contains("stopped") ? "#fff" : "";
   const cell = view.cell;
   text($("cell-label"), cell.label); text($("cell-big"), cell.big); text($("cell-of"), cell.of); text($("cell-sub"), cell.sub);
-  $("cell").className = `cell ${stop ? "" : cell.tone}`;
+  $("cell").className = `cell ${stop ? "" : cell.tone}${cell.big.length > 7 ? " long" : ""}`; $("bar").classList.toggle("trouble", !stop && Boolean(cell.tone));
   html($("cell-icon"), stop || !cell.tone ? "" : `<span style="--hole:var(--red);display:contents">${cell.tone === "red" ? icons.fault : icons.caution}</span>`);
   const net = view.net, loud = Boolean(stop?.known && stop.silent.length) || local?.state === "NOT CONFIRMED";
+  $("bar").classList.toggle("unconfirmed", loud);
   $("net").className = `cell ${loud ? "loud" : stop ? "" : net.tone}`;
   if (loud) {
     const names = (stop?.failed || []).map((f) => f.label), moving = (stop?.failed || []).find((f) => f.mps > 0.03);
@@ -55,7 +56,7 @@ function show(value, key) {
   return key === "battery_v" ? `${value.toFixed(1)} V` : key === "mps" ? value.toFixed(2) : key === "jitter_ms" ? value.toFixed(1) : String(value);
 }
 
-function rowHtml(robot, label, stop, selected) {
+function rowHtml(robot, label, stop, selected, folded) {
   const lost = stop?.known && stop.silent.includes(robot.id), trouble = robot.trouble, picked = selected === robot.id ? " sel" : "";
   const id = `<span class="id">${escape(label)}</span>`;
   if (lost) {
@@ -66,7 +67,7 @@ function rowHtml(robot, label, stop, selected) {
   const waved = stop && robot.run === "stopped" && trouble?.title === "Stopped";
   if (trouble && !waved) {
     const bad = trouble.level === "fault", part = (name, words) => (words ? `<dt>${name}</dt><dd>${escape(words)}</dd>` : "");
-    return [bad ? "bad" : "warn", `<i style="--hole:var(--red-soft)">${bad ? icons.fault : icons.caution}</i>${id}<span class="title">${escape(trouble.title)}</span><span class="value">${escape(trouble.value)} <em>${escape(trouble.limit)}</em></span><dl>${part("Why", trouble.why)}${part("Now", trouble.now)}${part("Do", trouble.do)}</dl>`];
+    return [(bad ? "bad" : "warn") + (folded ? " folded" : ""), `<i style="--hole:var(--red-soft)">${bad ? icons.fault : icons.caution}</i>${id}<span class="title">${escape(trouble.title)}</span><span class="value">${escape(trouble.value)} <em>${escape(trouble.limit)}</em></span><dl>${part("Why", trouble.why)}${part("Now", trouble.now)}${part("Do", trouble.do)}</dl>`];
   }
   const stopped = robot.run === "stopped", columns = (stop ? STOP_COLUMNS : COLUMNS).map(([, key]) => `<span class="n${key === "jitter_ms" || (stop && key === "pose_ms") ? " jit" : ""}">${show(robot[key], key)}</span>`).join("");
   return [(stopped ? "stop" : "") + picked, `<i>${stopped ? icons.stopped : icons.ok}</i>${id}<span class="does">${escape(robot.task || "")}</span>${columns}`];
@@ -85,12 +86,16 @@ export function drawRows(view, layout, selected, choose) {
       const node = document.createElement("div"); node.dataset.robot = robot.id; node.addEventListener("click", () => choose(robot.id)); list.append(node); return node;
     });
   }
+  const told = new Set(), explained = (view.missing || []).some((part) => part.level === "fault");
   view.robots.forEach((robot, k) => {
-    const node = list._rows[k], [first, body] = rowHtml(robot, layout.labels[k], view.stop, selected);
+    const trouble = robot.trouble, same = trouble && `${trouble.title}|${trouble.why}`;
+    const folded = Boolean(trouble && (explained || told.has(same)) && selected !== robot.id);
+    if (trouble) told.add(same);
+    const node = list._rows[k], [first, body] = rowHtml(robot, layout.labels[k], view.stop, selected, folded);
     const kind = first === "warn" && (cautions === 1 || selected === robot.id) ? "warn open" : first;
     html(node, body);
     if (node.className !== `row ${kind}`) node.className = `row ${kind}`;
-    const home = many && (kind === "bad" || kind.startsWith("warn")) ? pinned : list;
+    const home = many && (kind.startsWith("bad") || kind.startsWith("warn")) ? pinned : list;
     if (node.parentNode !== home) { const after = list._rows.slice(k + 1).find((n) => n.parentNode === home); home.insertBefore(node, after || null); }
   });
 }

@@ -28,12 +28,27 @@ export function straysOf(points, reach) {
   })).sort((a, b) => a.index - b.index);
 }
 
+/** Edges [i, j] of the shortest tree over the targets, without those longer than reach. */
+export function waysOf(points, reach) {
+  if (points.length < 2 || points.length > 200) return [];
+  const near = points.map((p) => [Math.hypot(p[0] - points[0][0], p[1] - points[0][1]), 0]), left = new Set(points.keys()), ways = [];
+  left.delete(0);
+  while (left.size) {
+    let next = -1;
+    for (const k of left) if (next < 0 || near[k][0] < near[next][0]) next = k;
+    left.delete(next);
+    if (near[next][0] <= reach) ways.push([near[next][1], next]);
+    for (const k of left) { const d = Math.hypot(points[k][0] - points[next][0], points[k][1] - points[next][1]); if (d < near[k][0]) near[k] = [d, next]; }
+  }
+  return ways;
+}
+
 export class Seed {
   constructor(map, canvas, ask, changed) {
     Object.assign(this, { map, canvas, ask, changed });
     this.points = []; this.server = []; this.past = []; this.future = [];
     this.mode = "point"; this.count = 5; this.draw = 1; this.open = false; this.pending = false;
-    this.chosen = null; this.ghost = null; this.cross = null; this.refused = null; this.strays = []; this.message = "";
+    this.chosen = null; this.ghost = null; this.cross = null; this.refused = null; this.strays = []; this.ways = []; this.message = "";
     canvas.addEventListener("pointerdown", (e) => this.down(e));
     canvas.addEventListener("pointermove", (e) => this.move(e));
     canvas.addEventListener("pointerup", (e) => this.up(e));
@@ -45,7 +60,7 @@ export class Seed {
   /** The station's targets. */
   setServer(points) { this.server = points; this.pending = false; this.set(points); }
 
-  set(points) { this.points = points; this.strays = straysOf(points, this.layout.r_c); if (this.chosen >= points.length) this.chosen = null; this.changed(); }
+  set(points) { this.points = points; this.strays = straysOf(points, this.layout.r_c); this.ways = waysOf(points, this.layout.r_c); if (this.chosen >= points.length) this.chosen = null; this.changed(); }
 
   async commit(points) {
     if (!this.open) return;
