@@ -41,13 +41,14 @@ class WheelMotor:
 
     def forget(self) -> None:
         """Nothing was heard yet."""
-        self.odometer = Odometer(self.position, self._bits)
+        self.restart()
         self.radps: float | None = None
         self.moved = False
 
     def restart(self) -> None:
         """Angles count from the next position."""
-        self.odometer = Odometer(self.position, self._bits)
+        self._odometer = Odometer(self.position, self._bits)
+        self.angle_rad = 0.0
 
     def take_speed(self, units: float) -> str:
         """Note a speed in device units; the counter to raise if it cannot be."""
@@ -58,7 +59,7 @@ class WheelMotor:
         return ""
 
     def take_position(self, units: float) -> None:
-        self.odometer.update(units)
+        self.angle_rad = self._odometer.update(units)
         self.moved = True
 
 

@@ -134,11 +134,17 @@ class Wheels:
             self._listener.feedback(sample, now_ns)
 
     def _name_faults(self, sample: WheelFeedback, now_ns: int) -> None:
-        if sample.faults and sample.faults != self._reported:
+        """What disabled motors no longer report is gone; without that, errors told once more after they were cleared,
+        in a cyclic message, would stay for good."""
+        if sample.faults == self._reported:
+            return
+        self._reported = sample.faults
+        if sample.faults:
             self._faulty = True
             error = self.driver.reported(sample)
             self._listener.driver_fault(str(error), error.remedy, now_ns)
-        self._reported = sample.faults
+        elif not self.active:
+            self._listener.driver_fault("", "", now_ns)
 
     def _check_line(self, now_ns: int) -> None:
         """:raises LinkLost: the line damages bytes all the time."""

@@ -96,8 +96,8 @@ class CanDrive(FamilyDrive[OptionsT, CanLine], Generic[OptionsT, MotorT]):
             return None
         sample = self.feedback(
             now_ns,
-            (left.radps, left.odometer.angle_rad),
-            (right.radps, right.odometer.angle_rad),
+            (left.radps, left.angle_rad),
+            (right.radps, right.angle_rad),
             enabled=self.enabled(),
             faults=self.faults(),
         )

@@ -230,6 +230,7 @@ class EmulatedDynamixel:
             return
         address, length = struct.unpack("<HH", parameters[:4])
         known = {servo.device: servo for servo in self.servos}
+        told: list[Servo] = []
         for start in range(4, len(parameters) - length, length + 1):
             servo = known.get(parameters[start])
             if servo is None:
@@ -237,6 +238,11 @@ class EmulatedDynamixel:
             elif servo.write(address, parameters[start + 1 : start + 1 + length]):
                 self.counters["refused_write"] += 1
             elif address == 104:
+                told.append(servo)
+        if len(told) == 2:
+            self.log.both(now_ns, all(servo.table[64] for servo in told))
+        else:
+            for servo in told:
                 self.log.one(servo.name, now_ns, bool(servo.table[64]))
 
     def _status(self, servo: Servo, error: int, data: bytes) -> bytes:

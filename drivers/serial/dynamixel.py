@@ -13,8 +13,8 @@ from msgspec import Meta
 from contract.messages import WheelFeedback
 from contract.tables import Fault
 from drivers.base import STANDSTILL, Site, WheelSpeeds
-from drivers.conversion import Odometer, WheelScale
-from drivers.family import MAX_RADPS, pair_faults
+from drivers.conversion import WheelScale
+from drivers.family import WheelMotor, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import dynamixel_codec as codec
 from drivers.serial.family import Baud, SerialDrive, SerialOptions, open_port
@@ -48,17 +48,12 @@ def check(options: Options, path: str) -> list[Fault]:
 _MOTION = struct.Struct("<ii")
 
 
-class _Servo:
+class _Servo(WheelMotor):
     """One wheel's servo and what it last said."""
 
     def __init__(self, name: str, device: int, gear_ratio: float, inverted: bool) -> None:
-        self.name = name
-        self.device = device
-        self.goal = WheelScale.of(60.0 / VELOCITY_UNIT_RPM, gear_ratio, inverted)
-        self.position = WheelScale.of(COUNTS_PER_TURN, gear_ratio, inverted)
-        self.odometer = Odometer(self.position, 32)
-        self.radps = 0.0
-        self.fresh = False
+        goal = WheelScale.of(60.0 / VELOCITY_UNIT_RPM, gear_ratio, inverted)
+        super().__init__(name, device, goal, WheelScale.of(COUNTS_PER_TURN, gear_ratio, inverted), 32)
         self.alert = False
         self.hardware_error = 0
 
@@ -78,6 +73,7 @@ class Drive(SerialDrive[Options]):
             _Servo("right", options.right, options.gear_ratio, options.right_inverted),
         )
         self._goals = codec.GoalWriter(GOAL_VELOCITY, options.left, options.right)
+        self._left_units, self._right_units = (servo.speed.units_per_rad for servo in self._servos)
         self._by_id = {servo.device: servo for servo in self._servos}
         self._request = codec.sync_read(tuple(self._by_id), PRESENT_VELOCITY, 8)
         self._polls = 0
@@ -95,7 +91,7 @@ class Drive(SerialDrive[Options]):
 
     def activate(self, now_ns: int) -> None:
         for servo in self._servos:
-            servo.odometer = Odometer(servo.position, 32)
+            servo.restart()
             watchdog = self._read(servo, BUS_WATCHDOG, 1)
             counts = min(int(self.site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9), 127)
             self._write(servo, BUS_WATCHDOG, b"\0")
@@ -114,12 +110,8 @@ class Drive(SerialDrive[Options]):
         self.active = True
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        if not self.active:
-            speeds = STANDSTILL
-        left, right = self._servos
-        left_radps, right_radps = speeds
-        goals = round(left_radps * left.goal.units_per_rad), round(right_radps * right.goal.units_per_rad)
-        self.line.send(self._goals.packet(*goals))
+        left, right = speeds if self.active else STANDSTILL
+        self.line.send(self._goals.packet(round(left * self._left_units), round(right * self._right_units)))
 
     def poll(self, now_ns: int) -> None:
         self._polls += 1
@@ -136,17 +128,18 @@ class Drive(SerialDrive[Options]):
         for device, error, data in self._reader.feed(self.line.receive()):
             self._take(device, error, data)
         left, right = self._servos
-        if not (left.fresh and right.fresh):
+        if left.radps is None or right.radps is None:
             return None
-        left.fresh = right.fresh = False
         alert = left.alert or right.alert
-        return self.feedback(
+        sample = self.feedback(
             now_ns,
-            (left.radps, left.odometer.angle_rad),
-            (right.radps, right.odometer.angle_rad),
+            (left.radps, left.angle_rad),
+            (right.radps, right.angle_rad),
             enabled=not alert,
             faults=_faults(left) + _faults(right) if alert else (),
         )
+        left.radps = right.radps = None
+        return sample
 
     def deactivate(self, now_ns: int) -> None:
         self.active = False
@@ -205,15 +198,13 @@ class Drive(SerialDrive[Options]):
         if error & 0x7F:
             name = codec.ERROR_NAMES.get(error & 0x7F, str(error & 0x7F))
             self.line.counters["refused_" + name.replace(" ", "_")] += 1
-        elif len(data) == _MOTION.size:
+        elif len(data) == 8:
             velocity, position = _MOTION.unpack(data)
-            radps = velocity / servo.goal.units_per_rad
-            if -MAX_RADPS <= radps <= MAX_RADPS:
-                servo.radps = radps
-                servo.odometer.update(position)
-                servo.fresh = True
+            refusal = servo.take_speed(velocity)
+            if refusal:
+                self.line.counters[refusal] += 1
             else:
-                self.line.counters["implausible_speed"] += 1
+                servo.take_position(position)
         elif len(data) == 2:
             self.bus_v = min(int.from_bytes(data, "little") * 0.1, 100.0)
         elif len(data) == 1:

@@ -46,9 +46,7 @@ def crc16(data: bytes, value: int = 0) -> int:
     """
     whole = len(data) & ~7
     for a, b, c, d, e, f, g, h in _EIGHT.iter_unpack(data[:whole]):
-        value = (
-            _T7[a ^ value >> 8] ^ _T6[b ^ value & 0xFF] ^ _T5[c] ^ _T4[d] ^ _T3[e] ^ _T2[f] ^ _T1[g] ^ _T0[h]
-        )
+        value = _T7[a ^ value >> 8] ^ _T6[b ^ value & 0xFF] ^ _T5[c] ^ _T4[d] ^ _T3[e] ^ _T2[f] ^ _T1[g] ^ _T0[h]
     for byte in data[whole:]:
         value = (value << 8 & 0xFF00) ^ _T0[value >> 8 ^ byte]
     return value

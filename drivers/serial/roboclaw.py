@@ -118,7 +118,7 @@ class Drive(SerialDrive[Options]):
         """Ask for telemetry; not while setpoints go unacknowledged, for a read feeds the time-out as well
         as a setpoint does and would keep the last setpoint turning."""
         deaf = self.active and now_ns - self._acked_ns > self.ACK_NS
-        if deaf or self._replies.quiet(now_ns) or self._replies.waiting > 4:
+        if deaf or not self._replies.ready(now_ns):
             return
         self._polls += 1
         which = 1 if self._polls % self.STATUS_EVERY == 1 else 2 if self._polls % self.BATTERY_EVERY == 2 else 0

@@ -124,6 +124,8 @@ class Replies:
 
     REPLY_NS = 50_000_000
     QUIET_NS = 20_000_000
+    MAX_WAITING = 4
+    """Outstanding replies after which no more reads are sent."""
 
     def __init__(self, address: int) -> None:
         self.counters: Counter[str] = Counter()
@@ -138,6 +140,10 @@ class Replies:
     def quiet(self, now_ns: int) -> bool:
         """Resynchronising: send no reads."""
         return now_ns < self._quiet_until_ns
+
+    def ready(self, now_ns: int) -> bool:
+        """Whether reads may be sent: the line is in step and not far behind."""
+        return now_ns >= self._quiet_until_ns and len(self._pending) <= self.MAX_WAITING
 
     @property
     def waiting(self) -> int:

@@ -131,8 +131,8 @@ class Drive(SerialDrive[Options]):
         faulty = any(self._codes.values())
         sample = self.feedback(
             now_ns,
-            (left.radps, left.odometer.angle_rad),
-            (right.radps, right.odometer.angle_rad),
+            (left.radps, left.angle_rad),
+            (right.radps, right.angle_rad),
             enabled=not faulty,
             faults=self._faults() if faulty else (),
         )

@@ -204,6 +204,33 @@ def test_a_line_that_failed_comes_back_without_old_errors(wheels: Wheels, driver
     assert driver.calls == ["close", "configure", "clear_errors"]
 
 
+def test_old_errors_told_once_more_after_they_were_cleared_do_not_stay(
+    wheels: Wheels, driver: Driver, listener: Listener
+) -> None:
+    wheels.open(1_000 * MS)
+    driver.sample = replace(SAMPLE, faults=("heat",))
+    wheels.listen(0)
+    wheels.open(2_000 * MS, again=True)
+    assert listener.fault == ("", "")
+    wheels.listen(0)
+    assert "heat" in listener.fault[0]
+    driver.sample = SAMPLE
+    wheels.listen(0)
+    assert listener.fault == ("", "")
+
+
+def test_enabled_motors_whose_fault_comes_and_goes_stay_faulty(
+    wheels: Wheels, driver: Driver, listener: Listener
+) -> None:
+    wheels.open(1_000 * MS)
+    wheels.drive(True, FAST, 0)
+    driver.sample = replace(SAMPLE, faults=("heat",))
+    wheels.listen(0)
+    driver.sample = SAMPLE
+    wheels.listen(0)
+    assert "heat" in listener.fault[0]
+
+
 def test_enabled_motors_are_never_opened_anew(wheels: Wheels, driver: Driver) -> None:
     wheels.open(1_000 * MS)
     wheels.drive(True, FAST, 0)
