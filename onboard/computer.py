@@ -80,7 +80,9 @@ def snapshot(root: Path = Path("/")) -> Snapshot:
         realtime=99 if os.geteuid() == 0 else resource.getrlimit(resource.RLIMIT_RTPRIO)[0],
         cores=os.cpu_count() or 1,
         allowed_cores=len(os.sched_getaffinity(0)),
-        swap_kb=sum(int(line.split()[3]) for line in text(root / "proc/swaps").splitlines()[1:]),
+        swap_kb=sum(
+            int(size) for size in re.findall(r"^/\S+\s+\w+\s+(\d+)\s", text(root / "proc/swaps"), re.MULTILINE)
+        ),
         throttled=text(root / "sys/devices/platform/soc/soc:firmware/get_throttled"),
         python=platform.python_version(),
         optimised="--enable-optimizations" in (sysconfig.get_config_var("CONFIG_ARGS") or "")
