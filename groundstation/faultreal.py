@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation import rig
 from groundstation.faultkept import Kept
-from groundstation.faultrig import LATE_S, Stage, StageError, unreadable
+from groundstation.faultrig import LATE_S, Stage, StageError, rest_s, rolled_m, unreadable
 from groundstation.faultrows import AGE_S, TURN_S, Action, Outcome, Row, allowed_m
 from groundstation.faultwords import judge, zero_after_s
 from groundstation.link import Link
@@ -145,9 +145,12 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         apart = stage.pieces(name for name in robots if name != victim) > 1 and stage.pieces(robots) > 1
         split = split or (whole and apart)
     state = stage.reports[victim].run
+    until_ns = time.monotonic_ns()
     stage.repair()
     stage.watch(LATE_S)
-    zero_s = None if row.blind else zero_after_s(stage.samples.get(victim, ()), since_ns, first=row.resumes)
+    samples = [sample for sample in stage.samples.get(victim, ()) if sample.stamp_ns < until_ns]
+    places = [place for place in stage.places[victim] if since_ns <= place.stamp_ns < until_ns]
+    zero_s = None if row.blind else zero_after_s(samples, since_ns, first=row.resumes)
     outcome = Outcome(
         row=row.name,
         seed=seed,
@@ -155,8 +158,8 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         at_s=round(at_s, 3),
         speed_mps=round(speed_mps, 3),
         zero_s=zero_s,
-        rest_s=stage.rest_s(victim, since_ns, REST_MPS),
-        rolled_m=round(stage.rolled_m(victim, since_ns), 4),
+        rest_s=rest_s(places, since_ns, REST_MPS),
+        rolled_m=round(rolled_m(places), 4),
         failsafe=(),
         collisions=int(nearest_m < stage.arena.platform.diameter_m),
         split=split,

@@ -8,7 +8,7 @@ import math
 import resource
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -100,6 +100,9 @@ class Stage:
         """
         session = self.session
         session.order("disarm", time.monotonic_ns())
+        self.until(lambda: not session.lacking(time.monotonic_ns(), connected=False), "robots fit to drive")
+        if self.pieces(self.arena.robots) > 1:
+            self._gather()
         self.until(lambda: session.phase == "ready", "ready")
         session.order("repeat", time.monotonic_ns())
         self.until(lambda: session.phase == "ready", "ready again")
@@ -107,6 +110,12 @@ class Stage:
         self.until(lambda: session.phase == "armed", "armed")
         session.order("run", time.monotonic_ns())
         self.until(lambda: len(self.moving()) >= least, f"{least} robot(s) move")
+
+    def _gather(self) -> None:
+        """A robot has coasted out of its links: all drive to their starts."""
+        session = self.session
+        session.order("home", time.monotonic_ns())
+        self.until(lambda: session.phase != "homing", "all robots at home")
 
     def moving(self) -> list[str]:
         return [name for name, places in self.places.items() if places and places[-1].speed_mps > MOVING_MPS]
@@ -119,19 +128,6 @@ class Stage:
             del places[:-1]
 
     # --- what was seen -------------------------------------------------------------------------------
-
-    def rolled_m(self, robot: str, since_ns: int) -> float:
-        places = [place for place in self.places.get(robot, []) if place.stamp_ns >= since_ns]
-        pairs = itertools.pairwise(places)
-        return sum(math.dist(a[1:3], b[1:3]) for a, b in pairs)
-
-    def rest_s(self, robot: str, since_ns: int, rest_mps: float) -> float | None:
-        """When the body came to rest for good; None: it still moves."""
-        places = [place for place in self.places.get(robot, []) if place.stamp_ns >= since_ns]
-        moving = [place.stamp_ns for place in places if place.speed_mps >= rest_mps]
-        if not places or (moving and moving[-1] == places[-1].stamp_ns):
-            return None
-        return round(((moving[-1] if moving else since_ns) - since_ns) * 1e-9, 3)
 
     def pieces(self, robots: Iterable[str]) -> int:
         """Of the network, by the newest true places."""
@@ -181,6 +177,19 @@ class Stage:
                 self.full_disk(child.name, False)
             else:
                 self.rig.start_again(child.name)
+
+
+def rolled_m(places: Sequence[Place]) -> float:
+    """The way along these places."""
+    return sum(math.dist(a[1:3], b[1:3]) for a, b in itertools.pairwise(places))
+
+
+def rest_s(places: Sequence[Place], since_ns: int, rest_mps: float) -> float | None:
+    """When the body came to rest for good; None: it still moves, or nobody has seen it."""
+    moving = [place.stamp_ns for place in places if place.speed_mps >= rest_mps]
+    if not places or (moving and moving[-1] == places[-1].stamp_ns):
+        return None
+    return round(((moving[-1] if moving else since_ns) - since_ns) * 1e-9, 3)
 
 
 def unreadable(out: Path) -> list[str]:

@@ -7,13 +7,16 @@ import msgspec
 import pytest
 
 from contract.messages import MotorSample
+from groundstation.conditions import FIELD
 from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown, percentiles
 from groundstation.faultreal import REAL_ROWS
-from groundstation.faultrows import ROWS, Outcome, Row, allowed_m
+from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
 from groundstation.faults import play
 from groundstation.faultwords import judge, zero_after_s
+from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
+from groundstation.targets import scenario
 
 BY_NAME = {row.name: row for row in ROWS}
 SLICE = (
@@ -49,6 +52,29 @@ def test_a_row(name: str) -> None:
 def test_a_fault_at_the_same_moment_is_the_same_fault() -> None:
     row = BY_NAME["station: STOP"]
     assert play(row, 2) == play(row, 2)
+
+
+@pytest.mark.parametrize("fault", ["supply sags", "no bytes either way", "port unplugged", "bus-off"])
+@pytest.mark.parametrize("family", ["odrive", "roboclaw"])
+def test_a_robot_drives_again_once_the_cause_is_gone_and_it_is_released(fault: str, family: str) -> None:
+    row = BY_NAME.get(f"wheels: {fault} ({family})")
+    if row is None:
+        return
+    arena = arena_for(Job(3, 19, 1, "field", "field", 60.0, wired=True))
+    world = World(arena, scenario(3, 19, 1), FIELD, 1, 60.0, wired=True)
+    victim = next(name for name, robot in arena.robots.items() if robot.wheels["kind"] == family)
+    world.until(0.5)
+    row.inject(world, victim)
+    world.until(1.2)
+    world.stop()
+    world.until(1.3)
+    assert world.agents[victim].run_state == "stopped"
+    for kind in ("brown-out", "dropped", "unplugged", "bus-off"):
+        if kind != "bus-off" or family == "odrive":
+            wire_of(world).emulated.repair(victim, kind)
+    world.orders += [(world.now_ns + 100_000_000 * step, order, ()) for step, order in ((1, "disarm"), (8, "arm"))]
+    world.until(2.5)
+    assert world.agents[victim].run_state == "armed", world.agents[victim].verdict
 
 
 BAD: dict[str, dict[str, Any]] = {
