@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from contract.arena import Arena
 from contract.checks import CheckResult, Verdict
@@ -14,12 +14,20 @@ from mocap_bridge.natnet.handshake import ServerInfo
 HEIGHT_SPREAD_M = 0.5
 """Bodies on a floor do not differ more in height."""
 
+Neighbour = Literal["unknown", "present", "absent"]
+
 
 class Evidence(NamedTuple):
     """What was seen while asking for poses."""
 
     route_address: str
     """This machine's address on the way to the server, as the kernel chooses it; empty: no way."""
+    same_subnet: bool = True
+    """Whether an interface of this machine is in the server's subnet."""
+    neighbour: Neighbour = "unknown"
+    """Whether the server's host answers at all, told by ARP."""
+    early_frames: int = 0
+    """Frames that came from the server though it answered nothing."""
     refused_ports: int = 0
     """Times the server's host said that nobody listens on the command port."""
     info: ServerInfo | None = None
@@ -37,6 +45,7 @@ class Evidence(NamedTuple):
     """Local addresses of other interfaces on which the server's multicast frames do arrive."""
     names: frozenset[str] = frozenset()
     duplicate_names: frozenset[str] = frozenset()
+    duplicate_ids: frozenset[str] = frozenset()
     bodies: Mapping[str, Sequence[Body]] = {}
     """Samples of each body, in the source's axes."""
     units_to_millimetres: float = 1000.0
@@ -52,7 +61,7 @@ def diagnose(seen: Evidence, arena: Arena) -> list[CheckResult]:
     mocap = arena.mocap
     results = [_interface(seen, arena)]
     if seen.info is None:
-        return [*results, _server(seen, arena)]
+        return [*results, _server(seen, arena)] if seen.route_address else results
     results.append(_check("server", "pass", f"{seen.info.name}, NatNet {seen.info.natnet}"))
     if seen.problem:
         return [*results, _check("version", "fail", seen.problem, "choose a bit stream this bridge knows")]
@@ -109,10 +118,40 @@ def _server(seen: Evidence, arena: Arena) -> CheckResult:
             f"{mocap.server} is up, but nothing listens on its port {mocap.command_port}",
             "switch streaming on in Motive; check mocap.command_port",
         )
+    silent = f"{mocap.server}:{mocap.command_port} does not answer"
+    if seen.early_frames:
+        return _check(
+            "command_port",
+            "fail",
+            f"{silent}, though {seen.early_frames} frames came",
+            f"let UDP {mocap.command_port} into the server through its firewall; check mocap.command_port",
+        )
+    if not seen.same_subnet:
+        return _check(
+            "other_subnet",
+            "fail",
+            f"{silent}, and no interface here is in its subnet",
+            "give this machine an address in the motion-capture network, or correct mocap.server",
+        )
+    if seen.neighbour == "absent":
+        return _check(
+            "host_absent",
+            "fail",
+            f"nobody in this subnet has the address {mocap.server}",
+            "check mocap.server, that the host is on, and the cable",
+        )
+    if seen.neighbour == "present":
+        return _check(
+            "firewall",
+            "fail",
+            f"{silent}, but its host is there",
+            f"let UDP {mocap.command_port} and {mocap.data_port} through the server's firewall; check that Motive runs "
+            "and streams on this network's interface",
+        )
     return _check(
         "server_silent",
         "fail",
-        f"{mocap.server}:{mocap.command_port} does not answer",
+        silent,
         "check that Motive runs and streams on this network's interface, that its firewall lets UDP "
         f"{mocap.command_port} in, and that both machines are in one subnet",
     )
@@ -171,6 +210,10 @@ def _bodies(seen: Evidence, arena: Arena) -> CheckResult:
     doubled = sorted(wanted.keys() & seen.duplicate_names)
     if doubled:
         return _check("duplicate_name", "fail", f"two bodies are called {', '.join(doubled)}", "rename one in Motive")
+    shared = sorted(wanted.keys() & seen.duplicate_ids)
+    if shared:
+        remedy = "give each body a streaming id of its own in Motive"
+        return _check("duplicate_id", "fail", f"{', '.join(shared)}: another body has the same streaming id", remedy)
     missing = sorted(wanted.keys() - seen.names)
     if missing:
         return _check(

@@ -25,6 +25,7 @@ KINDS: dict[str, str] = {
     "restart": "the server is gone, then starts anew: frame numbers, time, clients, clock",
     "silence": "no frames, commands are answered",
     "deaf": "frames, but commands are not answered",
+    "no_echo": "the clock's echoes are not answered",
     "rate_change": "frames come at VALUE Hz",
     "millimetres": "positions are in millimetres",
     "clock_drift": "the server's clock gains VALUE parts per million",

@@ -116,10 +116,12 @@ class EmulatedServer:
                 self._clients.pop(sender, None)
             case MessageId.REQUEST_MODELDEF:
                 return self.models(self._layout_of(sender), self.elapsed_s(now_ns))
-            case MessageId.ECHO_REQUEST:
+            case MessageId.ECHO_REQUEST if not self.settings.script.active("no_echo", self.elapsed_s(now_ns)):
                 return handshake.encode_echo_response(handshake.decode_echo_request(opened), self.ticks(now_ns))
             case MessageId.REQUEST:
                 return self._command(handshake.decode_text(opened), sender, now_ns)
+            case MessageId.ECHO_REQUEST:
+                self.counters["echo_ignored"] += 1
             case _:
                 self.counters["unrecognized"] += 1
                 return packet(MessageId.UNRECOGNIZED)

@@ -12,11 +12,12 @@ from mocap_bridge.natnet.wire import MAX_DATAGRAM_BYTES
 class ServerShell:
     """Two UDP sockets around an :class:`EmulatedServer`, for an event loop of one's own.
 
-    :param address: local address of both sockets, and the interface multicast leaves from.
+    :param address: local address of both sockets.
+    :param multicast_interface: address of the interface that multicast leaves from, if not ``address``.
     :raises OSError: a port is taken or the address is not this machine's.
     """
 
-    def __init__(self, server: EmulatedServer, address: str) -> None:
+    def __init__(self, server: EmulatedServer, address: str, multicast_interface: str = "") -> None:
         mocap = server.settings.mocap
         self.server = server
         self.damage: Callable[[bytes], bytes] | None = None
@@ -25,9 +26,11 @@ class ServerShell:
         self._data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if mocap.multicast_group:
+                leaving = socket.inet_aton(multicast_interface or address)
                 self._data.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+                self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, leaving)
                 self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+                self._data.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             self._command.bind((address, mocap.command_port))
             self._data.bind((address, mocap.data_port))
         except OSError:

@@ -15,12 +15,14 @@ MAX_BATCH = 256
 
 MAX_FOREIGN = 16
 BROADCAST = "255.255.255.255"
+IP_MULTICAST_ALL = 49
+"""Linux: whether a socket hears groups that others have joined, on whatever interface."""
 FRAMELESS_NS = 1_500_000_000
 """So long after a unicast server has answered without a frame, its data port is listened to as well."""
 
 
 def data_socket(group: str, port: int, local_address: str) -> socket.socket:
-    """A socket that has joined the multicast group on the interface with ``local_address``.
+    """A socket that hears the multicast group on the interface with ``local_address``, and on no other.
 
     Motive's "multicast as broadcast" has the group 255.255.255.255.
     """
@@ -29,6 +31,7 @@ def data_socket(group: str, port: int, local_address: str) -> socket.socket:
         try:
             membership = socket.inet_aton(group) + socket.inet_aton(local_address)
             sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+            sock.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
         except OSError:
             sock.close()
             raise

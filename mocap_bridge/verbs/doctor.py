@@ -1,7 +1,7 @@
 """Ask the motion-capture system of the arena file for poses and name what is wrong.
 
-Recognises: wrong interface, no NatNet, silent server (firewall, other subnet), answers but no frames,
-multicast not joined, unicast against multicast, version, names, up axis, units, rate, clock.
+Recognises: wrong interface, other subnet, absent host, no NatNet, firewall, command port only, multicast
+not joined, unicast against multicast, version, names and ids, up axis, units, rate, clock, edit mode.
 """
 
 import argparse
@@ -11,22 +11,28 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
+
 from contract.arena import Arena, ArenaError, load
-from contract.checks import worst
+from contract.checks import CheckResult, worst
 from mocap_bridge.diagnosis import Evidence, diagnose
 from mocap_bridge.health import Health
+from mocap_bridge.interfaces import in_a_local_subnet, interfaces, neighbour, route_address
 from mocap_bridge.natnet.frame import Body
+from mocap_bridge.natnet.wire import MAX_DATAGRAM_BYTES
 from mocap_bridge.sources.base import SourceFrame
 from mocap_bridge.sources.choose import SourceError, open_natnet
 from mocap_bridge.sources.natnet import NatNetSource, data_socket
 
 MAX_SAMPLES = 50
+FRAME_ID = b"\x07\x00"
 MARKS = {"pass": "ok  ", "warn": "WARN", "fail": "FAIL"}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = __doc__
     parser.add_argument("arena", type=Path, metavar="ARENA", help="arena file (TOML)")
+    parser.add_argument("--json", action="store_true", help="print the checks as JSON")
     parser.add_argument("--seconds", type=float, default=3.0, help="how long to look (default 3)")
 
 
@@ -37,11 +43,12 @@ def run(options: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return 2
     try:
-        seen = examine(arena, options.seconds)
+        results = diagnose(examine(arena, options.seconds), arena)
     except SourceError as error:
-        print(f"{MARKS['fail']} wrong_interface: {error}")
-        return 1
-    results = diagnose(seen, arena)
+        results = [CheckResult(name="wrong_interface", verdict="fail", seen=str(error)[:400], remedy=addresses())]
+    if options.json:
+        print(msgspec.json.encode(results).decode())
+        return 0 if worst(results) != "fail" else 1
     for result in results:
         print(f"{MARKS[result.verdict]} {result.name}: {result.seen}")
         if result.remedy and result.verdict != "pass":
@@ -49,14 +56,9 @@ def run(options: argparse.Namespace) -> int:
     return 0 if worst(results) != "fail" else 1
 
 
-def route_address(server: str, port: int) -> str:
-    """This machine's address on the way to the server; empty if there is no way."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((server, port))
-        except OSError:
-            return ""
-        return str(probe.getsockname()[0])
+def addresses() -> str:
+    """The choice for ``mocap.local_address``."""
+    return "this machine has " + ", ".join(f"{entry.address} ({entry.name})" for entry in interfaces())
 
 
 def examine(arena: Arena, seconds: float) -> Evidence:
@@ -81,7 +83,7 @@ def examine(arena: Arena, seconds: float) -> Evidence:
                 samples = bodies.setdefault(name, [])
                 if len(samples) < MAX_SAMPLES:
                     samples.append(body)
-    elsewhere = tuple(address for address, sock in others.items() if _heard(sock, mocap.server))
+    elsewhere = tuple(address for address, sock in others.items() if _heard(sock))
     seen = _evidence(source, arena, health, frames, bodies, seconds)
     source.close()
     for sock in others.values():
@@ -100,6 +102,9 @@ def _evidence(
     client, status = source.receiver.client, source.status()
     return Evidence(
         route_address=route_address(arena.mocap.server, arena.mocap.command_port),
+        same_subnet=in_a_local_subnet(arena.mocap.server),
+        neighbour=neighbour(arena.mocap.server),
+        early_frames=client.counters["early_frame"],
         info=client.info,
         problem=client.problem,
         seconds=seconds,
@@ -110,6 +115,7 @@ def _evidence(
         foreign_senders=tuple(sorted(source.foreign_senders)),
         names=status.names,
         duplicate_names=status.duplicate_names,
+        duplicate_ids=status.duplicate_ids,
         bodies=bodies,
         units_to_millimetres=client.units_to_millimetres,
         rate_hz=health.rate_hz,
@@ -138,17 +144,16 @@ def _refused(server: str, port: int, local_address: str) -> int:
 def _other_interfaces(arena: Arena) -> Iterator[tuple[str, socket.socket]]:
     """Sockets that join the group on every other interface of this machine."""
     mocap = arena.mocap
-    addresses = {route_address(mocap.server, mocap.command_port), "127.0.0.1"}
-    addresses |= {str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
-    for address in sorted(addresses - {"", mocap.local_address}):
+    for address in sorted({entry.address for entry in interfaces()} - {mocap.local_address}):
         try:
             yield address, data_socket(mocap.multicast_group, mocap.data_port, address)
         except OSError:
             continue
 
 
-def _heard(sock: socket.socket, server: str) -> bool:
+def _heard(sock: socket.socket) -> bool:
+    """Whether a frame has come."""
     try:
-        return bool(sock.recvfrom(65535)[1][0] == server)
+        return sock.recv(MAX_DATAGRAM_BYTES)[:2] == FRAME_ID
     except OSError:
         return False

@@ -36,6 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--up-axis", choices=("y", "z"), help="vertical axis of the stream (default y)")
     parser.add_argument("--multicast", metavar="GROUP", help="stream to this group instead of unicast")
     parser.add_argument("--address", metavar="IP", help="local address (default mocap.server)")
+    parser.add_argument("--multicast-interface", default="", metavar="IP", help="where multicast leaves, if elsewhere")
     parser.add_argument("--ports", type=int, nargs=2, metavar=("COMMAND", "DATA"), help="default 1510 1511")
     parser.add_argument("--script", type=Path, metavar="FILE", help="scripted faults")
     parser.add_argument("--seed", type=int, default=1, help="of the noise and of random faults")
@@ -89,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         arena = _arena(options)
         server = EmulatedServer(_settings(arena, options), [robot.body for robot in arena.robots.values()])
-        shell = ServerShell(server, arena.mocap.server)
+        shell = ServerShell(server, arena.mocap.server, options.multicast_interface)
     except (ArenaError, script.ScriptError, UnsupportedVersion, OSError) as error:
         print(f"emulate: {error}", file=sys.stderr)
         return 2

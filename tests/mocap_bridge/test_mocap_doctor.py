@@ -1,5 +1,6 @@
 """The doctor: every cause of "connected but no data" under its own name, pure and over loopback."""
 
+import json
 import math
 import threading
 import time
@@ -13,6 +14,7 @@ from contract.arena import Arena
 from contract.checks import CheckResult
 from mocap_bridge.cli import main
 from mocap_bridge.diagnosis import Evidence, diagnose
+from mocap_bridge.interfaces import in_a_local_subnet, neighbour
 from mocap_bridge.mock.bodies import settings_of
 from mocap_bridge.mock.script import parse
 from mocap_bridge.mock.server import EmulatedServer
@@ -72,6 +74,10 @@ def test_nothing_wrong() -> None:
         ("wrong_interface", GOOD._replace(route_address="192.168.7.5"), SITE),
         ("no_natnet", GOOD._replace(info=None, refused_ports=1), SITE),
         ("server_silent", GOOD._replace(info=None), SITE),
+        ("other_subnet", GOOD._replace(info=None, same_subnet=False), SITE),
+        ("host_absent", GOOD._replace(info=None, neighbour="absent"), SITE),
+        ("firewall", GOOD._replace(info=None, neighbour="present"), SITE),
+        ("command_port", GOOD._replace(info=None, early_frames=100), GROUP),
         ("version", GOOD._replace(problem="NatNet 4.4 is not supported"), SITE),
         ("version", GOOD._replace(other_bitstream=1), SITE),
         ("unicast_vs_multicast", NOTHING._replace(info=MULTICAST), SITE),
@@ -83,6 +89,7 @@ def test_nothing_wrong() -> None:
         ("command_port_only", NOTHING, SITE),
         ("body_not_in_model_list", GOOD._replace(names=frozenset(("r06", "r9"))), SITE),
         ("duplicate_name", GOOD._replace(names=NAMES - {"r06"}, duplicate_names=frozenset(("r06",))), SITE),
+        ("duplicate_id", GOOD._replace(names=NAMES - {"r06"}, duplicate_ids=frozenset(("r06",))), SITE),
         ("occluded", GOOD._replace(bodies={"r06": [UPRIGHT], "r08": [UPRIGHT]}), SITE),
         ("units", GOOD._replace(units_to_millimetres=1.0), SITE),
         ("units", GOOD._replace(bodies={name: [(1, 900.0, *UPRIGHT[2:])] for name in NAMES}), SITE),
@@ -101,7 +108,7 @@ def test_each_cause_is_named_alone_with_a_remedy(cause: str, seen: Evidence, sit
     assert result.seen
     assert result.remedy
     others = {found.name for found in bad(seen, site)} - {cause}
-    assert others <= ({"server_silent"} if cause == "interface" else set())
+    assert not others
 
 
 @contextmanager
@@ -164,3 +171,37 @@ def test_doctor_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "FAIL no_natnet: 127.0.0.1 is up, but nothing listens" in said
     assert "-> switch streaming on" in said
     assert main(["doctor", str(tmp_path / "none.toml")]) == 2
+    assert main(["doctor", path, "--seconds", "0.2", "--json"]) == 1
+    named = {result["name"]: result["verdict"] for result in json.loads(capsys.readouterr().out)}
+    assert named == {"interface": "pass", "no_natnet": "fail"}
+
+
+def test_interface_that_is_not_this_machines_is_named_with_the_choice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arena.toml"
+    text = arena_file(path, on_free_ports(arena())).read_text()
+    path.write_text(text.replace("[mocap]", '[mocap]\nlocal_address = "203.0.113.7"'))
+    assert main(["doctor", str(path)]) == 1
+    said = capsys.readouterr().out
+    assert "FAIL wrong_interface: mocap.local_address = 203.0.113.7" in said
+    assert "127.0.0.1 (lo)" in said
+
+
+ARP = """IP address       HW type     Flags       HW address            Mask     Device
+10.0.0.7         0x1         0x2         52:54:00:12:34:56     *        eth0
+10.0.0.8         0x1         0x0         00:00:00:00:00:00     *        eth0
+"""
+
+
+@pytest.mark.parametrize(
+    ("address", "state"), [("10.0.0.7", "present"), ("10.0.0.8", "absent"), ("10.0.0.9", "unknown")]
+)
+def test_hosts_of_the_subnet_are_known_by_arp(address: str, state: str) -> None:
+    assert neighbour(address, ARP) == state
+    assert neighbour(address, "") == "unknown"
+
+
+def test_loopback_is_a_local_subnet_and_a_documentation_address_is_not() -> None:
+    assert in_a_local_subnet("127.0.0.9")
+    assert not in_a_local_subnet("203.0.113.7")

@@ -1,10 +1,15 @@
-"""A million mangled datagrams through every NatNet decoder: one kind of error, no memory."""
+"""A million mangled datagrams through every NatNet decoder, the server's too, and a client: one kind of error, no memory."""
 
 import random
 import tracemalloc
 
 import pytest
 
+from contract.arena import Mocap
+from contract.codec import encode
+from contract.messages import ExternalBody, ExternalFrame
+from mocap_bridge.mock.bodies import ServerSettings
+from mocap_bridge.mock.server import EmulatedServer
 from mocap_bridge.natnet import handshake, modeldef, version
 from mocap_bridge.natnet.client import Client
 from mocap_bridge.natnet.frame import decode_frame
@@ -12,6 +17,8 @@ from mocap_bridge.natnet.frame_encode import Channels, Content, Marker, encode_f
 from mocap_bridge.natnet.modeldef import BodyModel
 from mocap_bridge.natnet.version import Version
 from mocap_bridge.natnet.wire import Malformed, MessageId, open_packet
+from mocap_bridge.sources.external_receiver import ExternalReceiver
+from tests.mocap_bridge.lockstep import arena
 
 VERSIONS = [Version(*v) for v in ((2, 6), (2, 9), (2, 11), (3, 0), (4, 0), (4, 1), (4, 3))]
 ROUNDS = 1_000_000
@@ -44,6 +51,8 @@ def datagrams(name: Version) -> list[bytes]:
         handshake.encode_server_info(info),
         handshake.encode_echo_response(1, 2),
         handshake.encode_connect(handshake.Connect("me", name)),
+        handshake.encode_float_answer(120.0),
+        handshake.encode_command(f"Bitstream,{name}"),
     ]
 
 
@@ -71,6 +80,7 @@ def test_a_million_mangled_datagrams(name: Version) -> None:
     draw = random.Random(repr(name))
     seeds, layout = datagrams(name), version.layout(name)
     client = Client("fuzz", name, multicast=False)
+    server = EmulatedServer(ServerSettings(mocap=Mocap(version=str(name))), ["r06"])
     refused = 0
     tracemalloc.start()
     for number in range(ROUNDS // len(VERSIONS)):
@@ -88,9 +98,25 @@ def test_a_million_mangled_datagrams(name: Version) -> None:
         except Malformed:
             refused += 1
         client.receive(data, 10**9 + number * 1_000_000)
+        server.receive(data, ("10.0.0.2", number % 100), number * 1_000_000)
         if number % 50 == 0:
             client.outbox(10**9 + number * 1_000_000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < MEMORY_BYTES
     assert refused > ROUNDS // len(VERSIONS) // 20
+
+
+@pytest.mark.timeout(1200)
+def test_mangled_external_poses() -> None:
+    draw = random.Random("external")
+    body = ExternalBody(body="r06", x_m=1.0, y_m=2.0, heading_rad=0.5)
+    seeds = [encode(ExternalFrame(seq=k, stamp_ns=10**12, bodies=(body,) * k)) for k in range(4)]
+    receiver = ExternalReceiver(arena())
+    tracemalloc.start()
+    for number in range(ROUNDS // 5):
+        receiver.receive(mangled(draw, seeds[number % len(seeds)]), 10**12 + number)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < MEMORY_BYTES
+    assert receiver.counters["malformed"] > ROUNDS // 20
