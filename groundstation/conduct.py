@@ -56,7 +56,7 @@ class Conductor:
         self._told = cloud
         self._due = {"heartbeat": 0, "targets": 0, "status": 0, "disk": 0}
         keys = link.keys
-        link.subscribe([keys.mocap_frame, keys.stop, keys.order, keys.seed])
+        link.subscribe([keys.mocap_frame, keys.mocap_health, keys.stop, keys.order, keys.seed])
         link.subscribe(key for robot in arena.robots for key in (keys.report(robot), keys.state(robot)))
 
     def turn(self) -> None:

@@ -214,8 +214,9 @@ STATION_FAILSAFES: tuple[StationFailsafe, ...] = (
 """In order of gravity."""
 
 
-OVERRIDABLE = ("clock_behind", "swarm_split", "disk_low")
-"""Rows that a named override lets pass before the start; the others no one can waive."""
+OVERRIDABLE = ("clock_behind", "swarm_split", "disk_low", "mocap", "room")
+"""Rows, and checks of :mod:`groundstation.preflight`, that a named override lets pass before the start; the others no
+one can waive."""
 
 
 def refusals(facts: Facts, said: Collection[str] = (), overridden: Collection[str] = ()) -> list[str]:

@@ -1,7 +1,7 @@
 """Pre-flight: everything the station can tell about a fleet before its wheels get power, as typed checks. Pure."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 from contract.arena import Arena
@@ -35,6 +35,22 @@ def preflight(fleet: Fleet) -> list[CheckResult]:
     for name in arena.robots:
         results += _robot_checks(fleet, name)
     return results
+
+
+SAID_ELSEWHERE = ("reports", "same file and schema", "pose", "loop", "state", *(row.name for row in STATION_FAILSAFES))
+"""Checks that a session has words of its own for; where a pose is valid, the loop has run."""
+
+
+def unfit(fleet: Fleet, crew: Collection[str], overridden: Collection[str] = ()) -> list[str]:
+    """What else of the whole list refuses the start of these robots, in words. A bridge not heard of yet is no fault of
+    it: that frames come is looked at by itself."""
+    found = []
+    for result in preflight(fleet):
+        known = result.name != "mocap" or fleet.health is not None
+        ours = not result.subject or result.subject in crew
+        if result.verdict == "fail" and known and ours and result.name not in (*SAID_ELSEWHERE, *overridden):
+            found.append(f"{result.subject or result.name}: {result.seen}")
+    return found
 
 
 def _check(name: str, verdict: Verdict, seen: str, remedy: str = "", subject: str = "") -> CheckResult:

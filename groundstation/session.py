@@ -20,6 +20,7 @@ from contract.messages import (
     TOOK_OVER,
     Message,
     MocapFrame,
+    MocapHealth,
     NeighbourState,
     Order,
     OrderRequest,
@@ -32,6 +33,7 @@ from contract.messages import (
 )
 from groundstation.connectivity import components, disk_graph, summary
 from groundstation.failsafes import Facts, differs, refusals, stops, warnings
+from groundstation.preflight import Fleet, unfit
 
 QUORUM_PATIENCE_NS = 5_000_000_000
 """A quorum waits this long for the rest."""
@@ -73,7 +75,7 @@ class Plan(NamedTuple):
     quorum: int = 0
     """Robots that suffice to start once the others have had their time; 0: all are needed."""
     overrides: tuple[str, ...] = ()
-    """Station failsafes (:data:`groundstation.failsafes.OVERRIDABLE`) that do not refuse the start."""
+    """Checks (:data:`groundstation.failsafes.OVERRIDABLE`) that do not refuse the start."""
 
 
 class Session:
@@ -114,6 +116,7 @@ class Session:
         self.disk_free_mb: float | None = None
         """Where the recording is written, as somebody last saw it."""
         self._places: dict[str, tuple[float, float]] = {}
+        self._health: MocapHealth | None = None
         self._points: list[tuple[float, float]] = []
         self._seen: set[str] = set()
         self._lambda2, self._components = 0.0, 0
@@ -132,6 +135,8 @@ class Session:
         elif isinstance(message, MocapFrame):
             self._frame_ns = now_ns
             self._look(message)
+        elif isinstance(message, MocapHealth):
+            self._health = message
         elif isinstance(message, StopRequest):
             self._end("stopped", f"stop requested by {message.source}", "stop", now_ns)
         elif isinstance(message, OrderRequest) and message.number not in self._requests:
@@ -371,6 +376,10 @@ class Session:
         missing = [words for name in self._crew if (words := self._lack_of(name, now_ns))]
         said = {"robot_differs", "robot_silent", "swarm_split"}
         missing += refusals(self.facts(now_ns), said, self._plan.overrides)
+        if not missing:
+            places = {name: self._places[name] for name in self._seen}
+            fleet = Fleet(self.facts(now_ns), places, self._health, now_ns)
+            missing += unfit(fleet, self._crew, self._plan.overrides)
         if not missing and not set(self._crew) <= self._seen:
             missing.append(f"motion capture sees {len(self._points)} of {len(self._crew)} robots")
         if not connected:

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from contract.messages import MocapHealth
 from groundstation.failsafes import OVERRIDABLE, STATION_FAILSAFES, Facts, StationFailsafe, markdown
+from groundstation.preflight import SAID_ELSEWHERE, Fleet, preflight
 from groundstation.session import Plan
 from tests.groundstation.test_session import ARENA, NAMES, Swarm
 
@@ -74,6 +76,25 @@ CASES: dict[str, tuple[Step, Step, str]] = {
 ROWS = {row.name: row for row in STATION_FAILSAFES}
 
 
+def ill(state: str) -> Step:
+    def apply(swarm: Swarm) -> None:
+        swarm.session.receive(MocapHealth(stamp_ns=swarm.now, state=state, detail="no camera answers"), swarm.now)
+
+    return apply
+
+
+def near(swarm: Swarm) -> None:
+    swarm.x = (1.0, 1.0 + SAFETY.min_distance_m - 0.01)
+
+
+CHECKS: dict[str, tuple[Step, str]] = {
+    "mocap": (ill("lost"), "mocap: lost"),
+    "room": (near, "r08: nearest robot at 0.14 m"),
+    "motors": (change(motor_faults=("over temperature",)), "r08: over temperature"),
+}
+"""What the pre-flight list refuses besides."""
+
+
 class Stage(Swarm):
     """A swarm whose clocks, cameras and network can be spoilt."""
 
@@ -137,8 +158,33 @@ def test_a_row_without_its_threshold_is_found_out(name: str, monkeypatch: pytest
 @pytest.mark.parametrize("name", OVERRIDABLE)
 def test_a_named_override_lets_it_start(name: str) -> None:
     stage = Stage(Plan(automatic=True, overrides=(name,)))
-    CASES[name][0](stage)
+    (CASES[name] if name in CASES else CHECKS[name])[0](stage)
     assert stage.turn(6) == "running", stage.session.detail
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_what_the_doctor_fails_refuses_the_start(name: str) -> None:
+    spoil, words = CHECKS[name]
+    others = tuple(other for other in OVERRIDABLE if other != name)
+    stage = Stage(Plan(automatic=True, overrides=others))
+    spoil(stage)
+    assert stage.turn(6) == "waiting"
+    assert words in stage.session.detail
+
+
+def test_a_warning_of_the_doctor_refuses_nothing() -> None:
+    stage = Stage()
+    ill("degraded")(stage)
+    assert stage.turn(6) == "running", stage.session.detail
+
+
+def test_every_check_of_the_doctor_is_looked_at_before_the_start() -> None:
+    stage = Stage()
+    stage.turn(2)
+    fleet = Fleet(stage.session.facts(stage.now), {}, None, None)
+    assert {result.name for result in preflight(fleet)} - set(SAID_ELSEWHERE) == {
+        "margins", "link", "battery thresholds", "mocap", "station", "motors", "room"
+    }  # fmt: skip
 
 
 def test_the_rest_is_started_with_a_quorum_and_the_late_robot_joins() -> None:

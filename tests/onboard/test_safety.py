@@ -652,6 +652,7 @@ def test_ages_are_seconds_exactly_and_infinite_for_never() -> None:
     ("facts", "words"),
     [
         ({"pose_arrival_ns": T0 - 151 * MS}, "no pose frame arrives: 151 ms"),
+        ({"pose_arrival_ns": T0 - 1500 * MS}, "no pose frame arrives: 1500 ms"),
         ({"pose_arrival_ns": 0}, "no pose frame arrives: none yet"),
         ({"pose_stamp_ns": T0 + 21 * MS}, "the pose is stamped in the future, beyond the clock's uncertainty"),
         ({"pose_stamp_ns": T0 + 21 * MS}, "(negative age): 21 ms"),

@@ -52,6 +52,10 @@ class Mutant:
         self.line = getattr(node, "lineno", 0)
         self.what = what
 
+    def name(self, source: str) -> str:
+        """The line it is in, and what became of it: the same wherever the line stands."""
+        return f"{source.splitlines()[self.line - 1].strip()} => {self.what}"
+
 
 def mutants(source: str) -> Iterator[Mutant]:
     """Every mutant of a module's text."""
@@ -212,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("module", help="such as drivers.gate")
     parser.add_argument("tests", nargs="+", help="test files")
-    parser.add_argument("--equivalent", type=Path, help="file with lines 'LINE TEXT OF THE MUTANT  # proof'")
+    parser.add_argument("--equivalent", type=Path, help="file with lines 'MODULE: MUTANT  # PROOF'")
     parser.add_argument("--lines", default="", metavar="A:B", help="only mutants of these lines")
     args = parser.parse_args(arguments)
     path = ROOT / Path(*args.module.split(".")).with_suffix(".py")
@@ -225,22 +229,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{args.module}: its tests fail without any mutant", file=sys.stderr)
         return 2
     first, _, last = args.lines.partition(":")
-    total, alive, named = 0, [], set()
+    total, equal, alive, named = 0, 0, [], set()
     for mutant in mutants(source):
         if args.lines and not int(first) <= mutant.line <= int(last):
             continue
         total += 1
         if survives(args.module, path, mutant.tree, args.tests):
-            if mutant.what in known:
-                named.add(mutant.what)
+            name = mutant.name(source)
+            if name in known:
+                named.add(name)
+                equal += 1
             else:
                 alive.append(mutant)
-                print(f"{path.relative_to(ROOT)}:{mutant.line}: {mutant.what}", flush=True)
+                print(f"{args.module}: {name}", flush=True)
     unused = set() if args.lines else known.keys() - named
-    for what in unused:
-        print(f"named as equivalent, but killed or gone: {what}")
-    killed = total - len(alive) - len(named)
-    print(f"{args.module}: {killed} of {total} killed, {len(named)} equivalent, {len(alive)} alive", flush=True)
+    for name in unused:
+        print(f"named as equivalent, but killed or gone: {name}")
+    print(f"{args.module}: {total - len(alive) - equal} of {total} killed, {equal} equivalent, {len(alive)} alive")
     return 1 if alive or unused else 0
 
 
