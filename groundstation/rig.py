@@ -15,7 +15,8 @@ import tomlkit
 
 from contract.arena import Arena, ArenaError, load, parse, table_of
 from contract.tables import Fault
-from drivers.registry import wheel_faults
+from drivers.defaults import DEFAULTS
+from drivers.registry import family_of, wheel_faults
 from groundstation.processes import Child, Family
 
 ARENAS = Path(__file__).parent / "arenas"
@@ -106,9 +107,11 @@ def _some_robots(table: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def _on_pty(wheels: dict[str, Any], port: Path) -> dict[str, Any]:
-    if wheels["kind"] == "odrive":
-        return {"watchdog_s": 0.2, **wheels, "interface": "slcan", "channel": str(port)}
-    return {**wheels, "port": str(port)}
+    family = family_of(wheels["kind"])
+    assert family is not None, "the file was checked"
+    if family.port_key == "channel":
+        wheels = {**wheels, "interface": "slcan"}
+    return {**DEFAULTS.get(family.kind, {}), **wheels, family.port_key: str(port)}
 
 
 def free_ports() -> tuple[int, int, int]:
