@@ -27,6 +27,8 @@ class BodyState(NamedTuple):
     x_m: float
     y_m: float
     heading_rad: float
+    tracked: bool = True
+    """False: it is there, but the cameras have lost sight of it."""
 
 
 class ServerSettings(NamedTuple):
@@ -109,7 +111,8 @@ class Camera:
         identity = self.id(name, elapsed_s) if scripted else self.ids[name]
         if name in self._last and "frozen" in faults:
             return (identity, *self._last[name][1:])
-        if name in self._last and "occlusion" in faults:
+        hidden = "occlusion" in faults or not pose.tracked
+        if name in self._last and hidden:
             return (identity, *self._last[name][1:9], 0)
         jump = faults["jump"].number(0.0) if "jump" in faults else 0.0
         turn = faults["turn"].number(0.0) if "turn" in faults else 0.0
@@ -133,7 +136,7 @@ class Camera:
                 qx, qy, qz, qw = sine * qw, sine * qz, cosine * qz, cosine * qw
         norm = faults["denormal"].number(1.0) if "denormal" in faults else 1.0
         error_m = faults["marker_error"].number(0.0) if "marker_error" in faults else MEAN_ERROR_M
-        params = 0 if "occlusion" in faults else TRACKING_VALID
+        params = 0 if hidden else TRACKING_VALID
         body = (identity, px, position[1], position[2], qx * norm, qy * norm, qz * norm, qw * norm, error_m, params)
         self._last[name] = body
         return body

@@ -6,18 +6,19 @@ from collections.abc import Callable, Iterable
 
 from mocap_bridge.mock.bodies import BodyState
 from mocap_bridge.mock.server import EmulatedServer, Outgoing
+from mocap_bridge.mock.tape_server import TapeServer
 from mocap_bridge.natnet.wire import MAX_DATAGRAM_BYTES
 
 
 class ServerShell:
-    """Two UDP sockets around an :class:`EmulatedServer`, for an event loop of one's own.
+    """Two UDP sockets around an :class:`EmulatedServer` or a :class:`TapeServer`, for an event loop of one's own.
 
     :param address: local address of both sockets.
     :param multicast_interface: address of the interface that multicast leaves from, if not ``address``.
     :raises OSError: a port is taken or the address is not this machine's.
     """
 
-    def __init__(self, server: EmulatedServer, address: str, multicast_interface: str = "") -> None:
+    def __init__(self, server: EmulatedServer | TapeServer, address: str, multicast_interface: str = "") -> None:
         mocap = server.settings.mocap
         self.server = server
         self.damage: Callable[[bytes], bytes] | None = None

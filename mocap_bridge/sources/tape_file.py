@@ -76,6 +76,19 @@ def read_tape(path: Path) -> Iterator[Entry]:
         raise TapeError(f"{path}: no NatNet datagrams in it (topics {', '.join(TOPICS.values())})")
 
 
+def is_tape(path: Path) -> bool:
+    """Whether a file holds NatNet datagrams.
+
+    :raises TapeError: not an MCAP file.
+    """
+    try:
+        return next(read_tape(path), None) is not None
+    except TapeError as error:
+        if "no NatNet datagrams" in str(error):
+            return False
+        raise
+
+
 def _records(file: IO[bytes], path: Path) -> Iterator[object]:
     began = False
     try:

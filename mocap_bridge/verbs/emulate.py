@@ -1,5 +1,9 @@
 """Be a NatNet server: bodies drive in circles, and a script says what goes wrong.
 
+With --recording it ends when the recording does. A tape of "record" is said again byte for byte, in the
+version and axes it has, with one second to connect before; of a mission's run.mcap (needs --arena) the
+bodies move again, in any version and axes, and a script may spoil it.
+
 Without --arena: three bodies on 4 m x 5 m, NatNet 4.1, unicast, on 127.0.0.1 ports 1510 and 1511.
 """
 
@@ -11,12 +15,15 @@ import sys
 import time
 from pathlib import Path
 
-from contract.arena import Arena, ArenaError, load, parse
+from contract.arena import Arena, load, parse
 from mocap_bridge.mock import script
 from mocap_bridge.mock.bodies import BodyState, ServerSettings, settings_of
+from mocap_bridge.mock.recorded import RecordedBodies
 from mocap_bridge.mock.server import EmulatedServer
+from mocap_bridge.mock.tape_server import TapeServer
 from mocap_bridge.mock.udp import ServerShell
-from mocap_bridge.natnet.version import UnsupportedVersion
+from mocap_bridge.sources.replay import mission_frames
+from mocap_bridge.sources.tape_file import is_tape, read_tape
 
 CIRCLE_M = 0.25
 SPEED_MPS = 0.3
@@ -38,6 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--address", metavar="IP", help="local address (default mocap.server)")
     parser.add_argument("--multicast-interface", default="", metavar="IP", help="where multicast leaves, if elsewhere")
     parser.add_argument("--ports", type=int, nargs=2, metavar=("COMMAND", "DATA"), help="default 1510 1511")
+    parser.add_argument("--recording", type=Path, metavar="MCAP", help='a tape of "record", or a mission\'s run.mcap')
     parser.add_argument("--script", type=Path, metavar="FILE", help="scripted faults")
     parser.add_argument("--seed", type=int, default=1, help="of the noise and of random faults")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after this time")
@@ -83,15 +91,44 @@ def _settings(arena: Arena, options: argparse.Namespace) -> ServerSettings:
     return settings_of(arena, script.parse(text), options.seed)
 
 
+class Show:
+    """A server, and where its bodies are."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.arena = arena = _arena(options)
+        settings = _settings(arena, options)
+        self._recorded: RecordedBodies | None = None
+        self.server: EmulatedServer | TapeServer
+        if options.recording and is_tape(options.recording):
+            if options.script:
+                raise ValueError("a script cannot spoil a tape, which is said again byte for byte")
+            self.server = TapeServer(settings, lambda: read_tape(options.recording))
+            return
+        if options.recording:
+            frames = (entry.frame for entry in mission_frames(options.recording, arena))
+            self._recorded = RecordedBodies(arena, frames)
+        self.server = EmulatedServer(settings, [robot.body for robot in arena.robots.values()])
+
+    def poses(self, elapsed_s: float) -> list[BodyState]:
+        if isinstance(self.server, TapeServer):
+            return []
+        return self._recorded.poses(elapsed_s) if self._recorded else circling(self.arena, elapsed_s)
+
+    @property
+    def ended(self) -> bool:
+        return (
+            self.server.ended if isinstance(self.server, TapeServer) else bool(self._recorded and self._recorded.ended)
+        )
+
+
 def run(options: argparse.Namespace) -> int:
     stop: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda received, _: stop.append(received))
     try:
-        arena = _arena(options)
-        server = EmulatedServer(_settings(arena, options), [robot.body for robot in arena.robots.values()])
-        shell = ServerShell(server, arena.mocap.server, options.multicast_interface)
-    except (ArenaError, script.ScriptError, UnsupportedVersion, OSError) as error:
+        show = Show(options)
+        shell = ServerShell(show.server, show.arena.mocap.server, options.multicast_interface)
+    except (ValueError, OSError) as error:
         print(f"emulate: {error}", file=sys.stderr)
         return 2
     poll = select.poll()
@@ -99,12 +136,12 @@ def run(options: argparse.Namespace) -> int:
         poll.register(fd, select.POLLIN)
     start_ns = now_ns = time.monotonic_ns()
     print("READY emulate", flush=True)
-    while not stop and (now_ns - start_ns) * 1e-9 < options.seconds:
+    while not stop and not show.ended and (now_ns - start_ns) * 1e-9 < options.seconds:
         for fd, _ in poll.poll(min(max((shell.next_due_ns - now_ns) * 1e-6, 0.0), 100.0)):
             shell.on_readable(fd, time.monotonic_ns())
         now_ns = time.monotonic_ns()
         if now_ns >= shell.next_due_ns:
-            shell.stream(now_ns, circling(arena, (now_ns - start_ns) * 1e-9))
+            shell.stream(now_ns, show.poses((now_ns - start_ns) * 1e-9))
     shell.close()
-    print(", ".join(f"{name} {count}" for name, count in sorted(server.counters.items()) if count) or "no faults")
+    print(", ".join(f"{name} {count}" for name, count in sorted(show.server.counters.items()) if count) or "no faults")
     return 0

@@ -49,6 +49,7 @@ SHELLS = (
     "drivers/serial/port.py",
     "drivers/verbs/*.py",
     "mocap_bridge/bridge.py",
+    "mocap_bridge/interfaces.py",
     "mocap_bridge/mock/udp.py",
     "mocap_bridge/network.py",
     "mocap_bridge/sources/*.py",

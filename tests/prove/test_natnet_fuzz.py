@@ -1,4 +1,4 @@
-"""A million mangled datagrams through every NatNet decoder, the server's too, and a client: one kind of error, no memory."""
+"""A million mangled datagrams through every NatNet decoder, client and server: one kind of error, no memory."""
 
 import random
 import tracemalloc
