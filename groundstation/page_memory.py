@@ -5,6 +5,7 @@ Robots are counted in the order of the arena file; metres and radians in the are
 
 from collections import deque
 from collections.abc import Collection
+from typing import Any
 
 from contract.arena import Arena
 from contract.messages import (
@@ -20,6 +21,7 @@ from contract.messages import (
     TargetCloud,
 )
 from groundstation.page_missing import BRIDGE, RECORDER, STATION, Roll
+from groundstation.page_rows import told
 from groundstation.page_stop import StopLatch
 from groundstation.page_targets import TargetBoard
 from groundstation.scenes import clock, label
@@ -52,6 +54,7 @@ class PageMemory:
         self._labels = [label(name) for name in self._names]
         self._index = {name: i for i, name in enumerate(self._names)}
         self._reports: dict[str, tuple[RobotReport, int]] = {}
+        self._told: dict[str, dict[str, Any]] = {}
         self._bodies: dict[str, BodyPose] = {}
         self._poses: dict[str, tuple[float, float, float, int]] = {}
         self._tracks: dict[str, deque[tuple[int, float, float]]] = {name: deque(maxlen=64) for name in self._names}
@@ -120,6 +123,7 @@ class PageMemory:
     def _take_report(self, report: RobotReport, arrival_ns: int) -> None:
         before = self._reports.get(report.robot)
         self._reports[report.robot] = (report, arrival_ns)
+        self._told[report.robot] = told(report)
         acknowledged = report.robot in self.latch.acknowledged_ns
         self.latch.heard(report, arrival_ns)
         if not acknowledged and report.robot in self.latch.acknowledged_ns and not self.latch.silent:

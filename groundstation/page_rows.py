@@ -10,6 +10,8 @@ class Sight(NamedTuple):
     """What is known of one robot; None for what is not."""
 
     report: RobotReport | None
+    told: dict[str, Any]
+    """:func:`told` of the report."""
     report_age_s: float
     body: BodyPose | None
     pose: tuple[float, float, float, int] | None
@@ -26,23 +28,34 @@ class Sight(NamedTuple):
     trouble: Complaint | None
 
 
+def told(report: RobotReport) -> dict[str, Any]:
+    """What a row shows of a report: worked out once a report, drawn many times."""
+    timing = report.timing
+    return {
+        "run": report.run,
+        "task": task_words(report),
+        "claim": report.claim,
+        "stopped": report.stopped,
+        "pose_ms": round(report.pose_age_ms) if report.pose_age_ms < 1e6 else None,
+        "hz": round(timing.rate_hz) if timing else None,
+        "jitter_ms": round(timing.jitter_ms, 1) if timing else None,
+        "battery_v": round(report.battery_v, 1) if report.battery_v is not None else None,
+    }
+
+
 def row(name: str, sight: Sight) -> dict[str, Any]:
     """What the page draws of one robot; what is not known is left out."""
     report, pose, body = sight.report, sight.pose, sight.body
     found: dict[str, Any] = {"id": name}
     if pose is not None and sight.exposure_ns is not None:
-        stale_s = (sight.exposure_ns - pose[3]) / 1e9 if body is not None and not body.valid else 0.0
-        found |= {"x": round(pose[0], 4), "y": round(pose[1], 4), "h": round(pose[2], 3)}
-        found |= {"valid": body is not None and body.valid, "stale_s": round(stale_s, 2)}
+        valid = body is not None and body.valid
+        found["x"], found["y"], found["h"] = round(pose[0], 4), round(pose[1], 4), round(pose[2], 3)
+        found["valid"] = valid
+        found["stale_s"] = 0.0 if valid or body is None else round((sight.exposure_ns - pose[3]) / 1e9, 2)
     if sight.speed_mps is not None:
         found["mps"] = round(sight.speed_mps, 3)
     if report is not None:
-        timing = report.timing
-        found |= {"run": report.run, "task": task_words(report), "claim": report.claim, "stopped": report.stopped}
-        found["pose_ms"] = round(report.pose_age_ms) if report.pose_age_ms < 1e6 else None
-        found["hz"] = round(timing.rate_hz) if timing else None
-        found["jitter_ms"] = round(timing.jitter_ms, 1) if timing else None
-        found["battery_v"] = round(report.battery_v, 1) if report.battery_v is not None else None
+        found |= sight.told
         found["report_s"] = round(sight.report_age_s, 2)
         if sight.away_m is not None and (report.run == "disarmed" or report.task == "homing"):
             found["away_m"] = round(sight.away_m, 2)

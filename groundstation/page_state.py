@@ -201,6 +201,7 @@ class PageState(PageMemory):
         hold_s = max(1e-3, self.arena.control.occupying_time_s)
         return Sight(
             report=entry[0] if entry else None,
+            told=self._told[name] if entry else {},
             report_age_s=self.report_age_s(name, now_ns),
             body=self._bodies.get(name),
             pose=self._poses.get(name),

@@ -35,12 +35,11 @@ class TargetBoard:
         """A letter a target: open, seen, tracked, held (occupied just now), done; ``running`` robots' places, m."""
         if self.cloud is None:
             return ""
-        if running and len(self._points):
-            ways = self._points[:, None] - np.array(running)[None]
-            self._seen |= np.hypot(ways[..., 0], ways[..., 1]).min(axis=1) <= self._radius_m
-        letters = ["o"] * len(self._points)
-        for seen in np.flatnonzero(self._seen):
-            letters[int(seen)] = "s"
+        if running and len(unseen := np.flatnonzero(~self._seen)):
+            ways = self._points[unseen, None] - np.array(running)[None]
+            near = (ways**2).sum(axis=2).min(axis=1) <= self._radius_m**2
+            self._seen[unseen[near]] = True
+        letters = ["s" if seen else "o" for seen in self._seen.tolist()]
         for k in self.done:
             if k < len(letters):
                 letters[k] = "d"

@@ -51,7 +51,7 @@ function receive(message) {
   } else if (message.kind === "targets") seed.setServer(message.points);
   else if (message.kind === "answer") { waiting.get(message.to)?.(message.text); waiting.delete(message.to); }
   else if (message.kind === "view") {
-    view = message; viewAt = performance.now();
+    view = message; viewAt = performance.now(); window.arena.views += 1;
     if (!view.elapsed || (view.replay && history.length && view.elapsed < history[history.length - 1][0])) { history = []; marks = []; }
     for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
     if (view.marked !== marks.length) marks = view.marked > 40 && marks.length ? marks.slice(0, view.marked - view.marks.length).concat(view.marks) : view.marks;
@@ -135,7 +135,9 @@ function drawActions(stopped) {
   }));
 }
 
+window.arena = { frames: 0, views: 0 }; // how often it was drawn and told, for benches and tests
 function loop(now) {
+  window.arena.frames += 1;
   if (layout) map.draw(now, seed, { stopped: document.body.classList.contains("stopped"), noData: noData() });
   if (holdFrom && now - holdFrom >= HOLD_MS) { holdFrom = 0; actions.find(([key, , enabled]) => key === held && enabled)?.[4](); }
   requestAnimationFrame(loop);

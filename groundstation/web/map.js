@@ -2,7 +2,7 @@
 import { color, fit } from "./canvas.js";
 
 const KEPT = 0, CRITICAL = 1, REMOVED = 2, UNVERIFIED = 3;
-const TRAIL_MS = 12000, MANY = 20;
+const TRAIL_MS = 12000, FADES = 8, MANY = 20, TAU = 2 * Math.PI;
 
 export class ArenaMap {
   constructor(canvas) {
@@ -127,16 +127,20 @@ export class ArenaMap {
     c.fillText(flip[1] ? `${names[1]} ↑` : `${names[1]} ↓`, x - 20, y + this.scale * 0.5);
   }
 
+  /** Fading in a few steps: one stroke a step, however many robots there are. */
   drawTrails(now) {
-    const c = this.c;
-    c.lineWidth = this.many ? 2 : 4;
-    c.strokeStyle = this.stopped ? color("--removed") : color("--kept");
+    const c = this.c, steps = Array.from({ length: FADES }, () => new Path2D());
     for (const trail of this.trails.values()) {
-      for (let k = 1; k < trail.length; k += 1) {
-        c.globalAlpha = 0.34 * Math.max(0, 1 - (now - trail[k].t) / TRAIL_MS);
-        c.beginPath(); c.moveTo(...this.toScreen(trail[k - 1].x, trail[k - 1].y)); c.lineTo(...this.toScreen(trail[k].x, trail[k].y)); c.stroke();
+      let before = null;
+      for (const point of trail) {
+        const [x, y] = this.toScreen(point.x, point.y), age = (now - point.t) / TRAIL_MS;
+        if (before && age < 1) { const path = steps[Math.max(0, Math.floor(age * FADES))]; path.moveTo(...before); path.lineTo(x, y); }
+        before = [x, y];
       }
     }
+    c.lineWidth = this.many ? 2 : 4;
+    c.strokeStyle = this.stopped ? color("--removed") : color("--kept");
+    steps.forEach((path, k) => { c.globalAlpha = 0.34 * (1 - (k + 0.5) / FADES); c.stroke(path); });
     c.globalAlpha = 1;
   }
 
@@ -182,28 +186,25 @@ export class ArenaMap {
 
   unconfirmed(robot) { return Boolean(this.view.stop?.known && this.view.stop.silent.includes(robot.id)); }
 
+  /** One path a kind: kept thin, critical double rails, removed dotted with a cross, unverified dashed. */
   drawLinks(robots, links, seeding) {
-    const c = this.c;
+    const c = this.c, lines = [KEPT, CRITICAL, REMOVED, UNVERIFIED].map(() => new Path2D()), crosses = new Path2D(), map = this.many;
     for (const [i, j, kind] of links) {
       const a = robots[i], b = robots[j];
       if (a.x === undefined || b.x === undefined) continue;
       const [ax, ay] = this.toScreen(a.x, a.y), [bx, by] = this.toScreen(b.x, b.y);
-      const line = () => { c.beginPath(); c.moveTo(ax, ay); c.lineTo(bx, by); c.stroke(); };
-      const grey = this.stopped;
-      if (kind === KEPT) { c.strokeStyle = color(grey ? "--removed" : "--kept"); c.lineWidth = this.many ? 1.8 : 3.4; line(); }
-      if (kind === UNVERIFIED) { c.strokeStyle = color("--red-text"); c.lineWidth = 3; c.setLineDash([9, 6]); line(); c.setLineDash([]); }
-      if (kind === CRITICAL) {
-        const outer = this.many ? 4.5 : 9, inner = this.many ? 1.8 : 3.4;
-        c.strokeStyle = color(grey ? "--removed" : "--critical"); c.lineWidth = outer; line();
-        c.strokeStyle = color("--map"); c.lineWidth = inner; line();
-      }
-      if (kind === REMOVED && !seeding) {
-        c.strokeStyle = color("--removed"); c.lineWidth = 2; c.setLineDash([2.5, 7]); line(); c.setLineDash([]);
-        if (this.many) continue;
-        const mx = (ax + bx) / 2, my = (ay + by) / 2; c.lineWidth = 2.8; c.beginPath();
-        c.moveTo(mx - 6, my - 6); c.lineTo(mx + 6, my + 6); c.moveTo(mx + 6, my - 6); c.lineTo(mx - 6, my + 6); c.stroke();
-      }
+      lines[kind].moveTo(ax, ay); lines[kind].lineTo(bx, by);
+      if (kind !== REMOVED || map) continue;
+      const mx = (ax + bx) / 2, my = (ay + by) / 2;
+      crosses.moveTo(mx - 6, my - 6); crosses.lineTo(mx + 6, my + 6); crosses.moveTo(mx + 6, my - 6); crosses.lineTo(mx - 6, my + 6);
     }
+    const stroke = (path, shade, width, dash = []) => { c.strokeStyle = color(shade); c.lineWidth = width; c.setLineDash(dash); c.stroke(path); };
+    if (!seeding) { stroke(lines[REMOVED], "--removed", 2, [2.5, 7]); stroke(crosses, "--removed", 2.8); }
+    stroke(lines[KEPT], this.stopped ? "--removed" : "--kept", map ? 1.8 : 3.4);
+    stroke(lines[CRITICAL], this.stopped ? "--removed" : "--critical", map ? 4.5 : 9);
+    stroke(lines[CRITICAL], "--map", map ? 1.8 : 3.4);
+    stroke(lines[UNVERIFIED], "--red-text", 3, [9, 6]);
+    c.setLineDash([]);
   }
 
   /** Where each misplaced robot belongs. */
@@ -241,6 +242,7 @@ export class ArenaMap {
   drawTargets(states, seed) {
     const c = this.c, small = seed.points.length > 80, r = small ? 4.5 : 9;
     const strays = new Set(seed.strays.map((s) => s.index));
+    if (small && !seed.open) { this.drawCrowd(states, seed.points, r); return; }
     seed.points.forEach((point, k) => {
       const [x, y] = this.toScreen(...point), state = seed.open ? "s" : states[k] || "o";
       if (strays.has(k) && seed.open) {
@@ -258,6 +260,21 @@ export class ArenaMap {
       if (seed.chosen === k && seed.open) { c.strokeStyle = color("--blue"); c.lineWidth = 2.5; c.beginPath(); c.arc(x, y, r + 7, 0, 7); c.stroke(); }
       if (!small) this.boxes.push([x - 12, y - 12, 24, 24]);
     });
+  }
+
+  /** Very many targets: one path a look. */
+  drawCrowd(states, points, r) {
+    const c = this.c, rings = new Path2D(), dots = new Path2D(), done = new Path2D(), ticks = new Path2D();
+    points.forEach((point, k) => {
+      const [x, y] = this.toScreen(...point), state = states[k] || "o";
+      if (state === "d" || state === "h") { done.moveTo(x + 4, y); done.arc(x, y, 4, 0, TAU); return; }
+      rings.moveTo(x + r, y); rings.arc(x, y, r, 0, TAU);
+      if (state !== "o") { dots.moveTo(x + 1.6, y); dots.arc(x, y, 1.6, 0, TAU); }
+      if (state === "t") for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) { ticks.moveTo(x + dx * (r - 3), y + dy * (r - 3)); ticks.lineTo(x + dx * (r + 7), y + dy * (r + 7)); }
+    });
+    c.strokeStyle = color("--done"); c.lineWidth = 1.2; c.stroke(done);
+    c.fillStyle = color("--surface"); c.fill(rings); c.strokeStyle = color("--ink"); c.lineWidth = 1.6; c.stroke(rings); c.stroke(ticks);
+    c.fillStyle = color("--ink"); c.fill(dots);
   }
 
   drawRobot(robot, label, stopped) {
