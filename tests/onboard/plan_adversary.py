@@ -14,13 +14,32 @@ from onboard.ahdc.links import Entry, Link
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.stopping import Brake, rim_after
 from onboard.ahdc.view import Heard, Sighted, View
-from onboard.unicycle import steer
+from onboard.unicycle import FAST_TURN_GAIN_PER_S, steer
 from tests.onboard.samples import field_parameters, state
 
 PERIOD_S, SUBSTEP_S, ANNOUNCE_S, SILENCE_S = 0.01, 0.002, 0.03, 0.5
 WISH_S, WISHES = 0.2, 9
 """The adversary gives each robot a new wish this often, so many times."""
+TURN_RADPS = 9.0
+"""Faster than the law ever turns."""
+GAINS_PER_S = (6.0, FAST_TURN_GAIN_PER_S)
+"""With which a wish may turn towards a heading, as the law does."""
 PARAMETERS = field_parameters()
+
+
+class Wish(NamedTuple):
+    """A speed, m/s, with a turn rate, rad/s, or, where there is a gain, towards a heading, rad."""
+
+    speed_mps: float
+    turn: float
+    gain_per_s: float = 0.0
+
+    def turn_rate_radps(self, heading_rad: float) -> float:
+        """At that heading."""
+        if not self.gain_per_s:
+            return self.turn
+        rate = self.gain_per_s * math.remainder(self.turn - heading_rad, math.pi)
+        return max(-TURN_RADPS, min(TURN_RADPS, rate))
 
 
 class Robot(NamedTuple):
@@ -33,8 +52,8 @@ class Robot(NamedTuple):
     phase_s: float
     age_s: float
     """Of what it learns of others: exposure to use, less what lies between two announcements."""
-    wishes: tuple[tuple[float, float], ...]
-    """Speed, m/s, and turn rate, rad/s, in turn."""
+    wishes: tuple[Wish, ...]
+    """In turn."""
     dies_s: float
     """From then on its command is zero and it says nothing; infinite for never."""
 
@@ -69,9 +88,11 @@ def _robot(rng: random.Random, x: float, y: float, max_age_s: float) -> Robot:
     )  # fmt: skip
 
 
-def _wish(rng: random.Random) -> tuple[float, float]:
+def _wish(rng: random.Random) -> Wish:
     speed = rng.choice((-1.0, 1.0, rng.uniform(-1.0, 1.0))) * PARAMETERS.max_speed_mps
-    return (speed, rng.choice((0.0, 0.0, rng.uniform(-6.0, 6.0), -6.0, 6.0)))
+    if rng.random() < 0.25:
+        return Wish(speed, rng.uniform(-math.pi, math.pi), rng.choice(GAINS_PER_S))
+    return Wish(speed, rng.choice((0.0, 0.0, rng.uniform(-TURN_RADPS, TURN_RADPS), -TURN_RADPS, TURN_RADPS)))
 
 
 def mutate(rng: random.Random, robots: tuple[Robot, ...], max_age_s: float) -> tuple[Robot, ...]:
@@ -136,8 +157,9 @@ class _Loop:
         if now_s >= self.robot.dies_s or len(heard) < len(others):
             self.command = (0.0, 0.0)
         else:
-            law = self.law
-            self.command = law.planner.choose(law.planner.room(self.motion, law.partners(view)), *wish)[:2]
+            law, turn_radps = self.law, wish.turn_rate_radps(self.motion.heading_rad)
+            room = law.planner.room(self.motion, law.partners(view))
+            self.command = law.planner.choose(room, wish.speed_mps, turn_radps)[:2]
 
 
 def fly(robots: tuple[Robot, ...], linked: bool = True) -> tuple[float, float]:

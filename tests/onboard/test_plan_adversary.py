@@ -5,7 +5,7 @@ import math
 import pytest
 
 from onboard.ahdc.stopping import Brake
-from tests.onboard.plan_adversary import PARAMETERS, Robot, fly, search
+from tests.onboard.plan_adversary import PARAMETERS, Robot, Wish, fly, search
 
 TOUCH_M = PARAMETERS.diameter_m
 
@@ -27,7 +27,7 @@ def test_no_robot_is_touched(max_age_s: float) -> None:
 
 def test_the_adversary_can_win_against_brakes_outside_the_interval() -> None:
     """Otherwise it would prove nothing: two robots drive apart at full speed and brake far worse than they say."""
-    away = tuple((PARAMETERS.max_speed_mps, 0.0) for _ in range(9))
+    away = tuple(Wish(PARAMETERS.max_speed_mps, 0.0) for _ in range(9))
     bad = Brake(0.4, 0.3)
     robots = [Robot(x, 0.0, heading, bad, 0.0, 0.05, away, math.inf) for x, heading in ((0.0, math.pi), (0.3, 0.0))]
     assert fly(tuple(robots))[0] > PARAMETERS.sensing_radius_m
