@@ -10,7 +10,7 @@ from contract.codec import encode
 from contract.messages import ExternalBody, ExternalFrame
 from mocap_bridge.pipeline import Pipeline
 from mocap_bridge.sources.external_receiver import ExternalReceiver
-from mocap_bridge.sources.qualisys import Packet, QualisysReceiver, body_names, quaternion
+from mocap_bridge.sources.qualisys_receiver import Packet, QualisysReceiver, quaternion, setup_of
 from tests.mocap_bridge.lockstep import arena
 
 SITE = arena(up_axis="z", origin_m=[0.5, -1.0], rotation_rad=0.7)
@@ -63,7 +63,8 @@ def test_external_status_says_where_to_publish() -> None:
 
 
 BODIES = "".join(f"<Body><Name>{name}</Name></Body>" for name in ("r06", "r08"))
-XML = f"<QTM_Parameters_Ver_1.25><The_6D><Bodies>2</Bodies>{BODIES}</The_6D></QTM_Parameters_Ver_1.25>"
+GENERAL = "<General><Frequency>120</Frequency></General>"
+XML = f"<QTM_Parameters_Ver_1.25>{GENERAL}<The_6D><Bodies>2</Bodies>{BODIES}</The_6D></QTM_Parameters_Ver_1.25>"
 NAN = (math.nan,) * 9
 
 
@@ -80,9 +81,12 @@ def test_quaternion_of_a_turn_about_z(angle: float) -> None:
 
 
 def test_qualisys_packets_become_frames_by_name() -> None:
-    assert body_names(XML) == ["r06", "r08"]
-    receiver = QualisysReceiver(body_names(XML))
-    bodies = [((1000.0, 2000.0, 50.0), yaw_matrix(0.5)), ((math.nan,) * 3, NAN)]
+    assert setup_of(XML) == (("r06", "r08"), 120.0)
+    assert setup_of("<QTM_Parameters_Ver_1.25/>") == ((), 0.0)
+    with pytest.raises(ValueError, match="QTM's parameters"):
+        setup_of("Parse error")
+    receiver = QualisysReceiver(setup_of(XML))
+    bodies = [((1000.0, 2000.0, 50.0), yaw_matrix(0.5), 0.4), ((math.nan,) * 3, NAN, math.nan)]
     frame = receiver.receive(Packet(7, 5_000_000, bodies, T0))
     assert frame is not None
     site = arena(up_axis="z")
@@ -92,5 +96,9 @@ def test_qualisys_packets_become_frames_by_name() -> None:
     assert receiver.receive(Packet(7, 5_000_000, bodies, T0)) is None
     assert receiver.receive(Packet(9, 5_020_000, bodies, T0 + 20_000_000)) is not None
     assert receiver.dropped == 1
+    loose = [(bodies[0][0], bodies[0][1], 12.0), bodies[1]]
+    bad = receiver.receive(Packet(10, 5_030_000, loose, T0 + 30_000_000))
+    assert bad is not None
+    assert Pipeline(site, 1).frame(bad, T0).bodies[0].reason == "marker_error"
     assert receiver.receive(Packet(1, 10_000, bodies, T0 + 30_000_000)) is None
-    assert receiver.session == 1
+    assert (receiver.session, receiver.dropped) == (1, 1)
