@@ -60,7 +60,7 @@ def _restart(name: str) -> Inject:
 
 
 def _mute(stage: Stage, victim: str) -> None:
-    stage.mute = True
+    stage.fall_silent()
 
 
 def _stop(stage: Stage, victim: str) -> None:

@@ -57,7 +57,8 @@ class Stage:
         self.acknowledged_ns: dict[tuple[str, int], int] = {}
         self.mute = False
         """The station has gone: nothing is sent, only listened."""
-        self._stops = 0
+        self.stop_id = 0
+        """Of the last stop request."""
 
     def _hear(self, message: Message) -> None:
         if isinstance(message, MotorBatch):
@@ -158,11 +159,16 @@ class Stage:
 
     def stop(self) -> int:
         """A STOP request to all; when it was sent, ns."""
-        self._stops += 1
+        self.stop_id += 1
         now_ns = time.monotonic_ns()
-        request = StopRequest(stamp_ns=now_ns, source="stage", stop_id=self._stops)
+        request = StopRequest(stamp_ns=now_ns, source="stage", stop_id=self.stop_id)
         self.link.publish(self.link.keys.stop, request, "stop")
         return now_ns
+
+    def fall_silent(self) -> int:
+        """As if the station had been killed; when its last heartbeat may have been sent, ns."""
+        self.mute = True
+        return time.monotonic_ns()
 
     def repair(self) -> None:
         """Everything works again: hardware, frozen processes, those that have ended.
