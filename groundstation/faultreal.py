@@ -98,6 +98,7 @@ def _rows() -> tuple[Row, ...]:
         Row("process", "hung for 0.6 s", "CUT", _pause, cut_s),
         Row("process", "killed", "CUT", _signal(signal.SIGKILL), cut_s),
         Row("process", "killed and restarted", "CUT", _restart(""), cut_s, leaves="disarmed"),
+        Row("nothing", "no fault at all", "goes on", lambda stage, victim: None),
         Row("recorder", "hung", "goes on", _signal(signal.SIGSTOP, "recorder")),
         Row("recorder", "killed", "goes on", _signal(signal.SIGKILL, "recorder")),
         Row("disk", "full for the recorder", "goes on", _full("recorder")),

@@ -272,6 +272,7 @@ def _rows() -> tuple[Row, ...]:
         ]
     silent = ("pose_silent", "pose_stale", "station_silent", "station_lost")
     rows += [
+        Row("nothing", "no fault at all", "goes on", lambda world, victim: None),
         Row("radio", "everything late by 0.3 s", "HOLD", _late, silence_s, silent),
         Row("radio", "router lost", "HOLD", _router_gone, silence_s, silent),
         Row("process", "hung for half a second", "CUT", _pause, cut_s, ("driver_fault", "loop_overrun")),

@@ -37,7 +37,7 @@ GOOD = Outcome(
 
 def test_the_matrix_has_forty_rows_and_more_each_of_its_own_name() -> None:
     assert len(BY_NAME) == len(ROWS) >= 40
-    places = {"wheels", "motion capture", "datagrams", "messages", "radio", "station", "process", "clock"}
+    places = {"wheels", "motion capture", "datagrams", "messages", "radio", "station", "process", "clock", "nothing"}
     assert {row.where for row in ROWS} == places
     assert len({row.name for row in REAL_ROWS}) == len(REAL_ROWS)
     assert {row.where for row in REAL_ROWS} >= {"wheels", "motion capture", "radio", "station", "process", "disk"}
