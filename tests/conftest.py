@@ -14,6 +14,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 import hypothesis
+import hypothesis.internal.conjecture.providers as providers
 import pytest
 
 HERE = Path(__file__).parent
@@ -24,6 +25,9 @@ FRESH = os.environ.get("AHDC_FRESH") == "1"
 hypothesis.settings.register_profile("ci", derandomize=True, max_examples=60, deadline=None, database=None)
 hypothesis.settings.register_profile("fresh", max_examples=300, deadline=None, print_blob=True)
 hypothesis.settings.load_profile("fresh" if FRESH else "ci")
+if not FRESH:
+    # Constants found in the modules imported so far would make examples depend on which tests a worker ran before.
+    providers.HypothesisProvider._local_constants = providers.Constants()  # type: ignore[assignment]
 
 
 def read_skips(path: Path) -> dict[str, str]:
