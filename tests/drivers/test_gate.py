@@ -70,6 +70,14 @@ def test_every_state_with_every_command(state: GateState, event: str) -> None:
     assert gate.state is state
 
 
+def test_a_new_gate_is_disarmed() -> None:
+    gate = Gate(LIMITS)
+    assert gate.state is GateState.DISARMED
+    assert gate.permit(1.0, 1.0, T0, T0) == (0.0, 0.0)
+    assert dict(gate.counters) == {"disarmed": 1}
+    assert gate.tick(2 * T0) is None
+
+
 TRANSITIONS = {
     ("disarmed", "arm"): "armed",
     ("disarmed", "disarm"): "disarmed",
