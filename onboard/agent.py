@@ -442,7 +442,7 @@ class Agent:
             pose_valid=self._pose_valid,
             timing=self.pacing.timing(),
             battery_v=sample.bus_v if sample else None,
-            motor_faults=sample.faults if sample else (),
+            motor_faults=sample.faults if sample and self._driver_fault else (),
             task=self._task(),
             claim=-1 if tasking.claim is None else tasking.claim,
             occupied_count=tasking.occupied_count,
