@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 
 from contract.arena import digest
@@ -234,6 +235,21 @@ def test_an_acknowledgement_does_not_wait_for_the_next_report(what: str, run: st
     acknowledged = said[0][0]
     assert (acknowledged.run, acknowledged.order_id) == (run, stage.order_id)
     assert acknowledged.stop_id == (9 if what == "stop" else 0)
+
+
+def test_motor_faults_are_reported_until_they_are_cleared_although_no_telemetry_comes_after_that() -> None:
+    stage = Stage()
+    stage.run(5)
+    sample = msgspec.structs.replace(stage.feedback(), stamp_ns=stage.now_ns + 1, faults=("main battery low",))
+
+    def reported() -> RobotReport:
+        stage.now_ns += 200 * MS
+        return [m for _, m in stage.agent.outbox(stage.now_ns) if isinstance(m, RobotReport)][-1]
+
+    stage.agent.feedback(sample, stage.now_ns)
+    assert reported().motor_faults == ("main battery low",)
+    stage.agent.driver_fault("", "", stage.now_ns)
+    assert reported().motor_faults == ()
 
 
 def test_states_go_out_at_the_state_period() -> None:

@@ -1,4 +1,4 @@
-"""Every row of the fault matrix: fifty faults a row in lockstep over real bytes, five in the processes of the mock arena.
+"""Every row of the fault matrix: fifty faults a row in lockstep over real bytes, five in the mock arena's processes.
 
 ``AHDC_FAULT_REPETITIONS`` and ``AHDC_REAL_REPETITIONS`` set other numbers; ``AHDC_FAULT_PROGRESS`` names a folder to go
 on from where an earlier run with the same code was interrupted.
