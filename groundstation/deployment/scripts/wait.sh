@@ -17,5 +17,5 @@ done
 printf '%s\n' "$now"
 echo "Steady=$steady"
 if [ "$steady" -lt "$STEADY" ]; then
-  journalctl -q -u "$UNIT" -n 15 -o cat --no-pager 2>/dev/null | sed 's/^/Journal=/'
+  journalctl -q -t "ahdc-$ROBOT" -n 15 -o cat --no-pager 2>/dev/null | sed 's/^/Journal=/'
 fi
