@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from contract import overlay
+from contract import overlay, profiles
 from contract.exposure import RESERVED, link_faults
 from contract.margins import margin_faults
 from contract.tables import Fault, join, nearest, read_table, show
@@ -104,7 +104,8 @@ class PaperControl(Struct, frozen=True, forbid_unknown_fields=True):
 class Control(Struct, frozen=True, forbid_unknown_fields=True):
     """``[control]``: parameters of section IV-A and the profile that uses them."""
 
-    profile: Literal["field", "paper"] = "field"
+    profile: Annotated[str, Meta(min_length=1, max_length=40)] = "field"
+    """"field", "paper", or a law of your own (docs/testing-your-own.md)."""
     sensing_radius_m: Positive = 1.0
     """r_c"""
     critical_margin_m: Positive = 0.2
@@ -123,6 +124,8 @@ class Control(Struct, frozen=True, forbid_unknown_fields=True):
     reach_m: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.05
     field: FieldControl = FieldControl()
     paper: PaperControl = PaperControl()
+    law: dict[str, Any] = {}
+    """Handed to a law of your own as it stands."""
 
     @property
     def noncritical_radius_m(self) -> float:
@@ -298,7 +301,8 @@ def parse(table: dict[str, Any], source: str, wheel_check: WheelCheck | None = N
 def table_of(arena: Arena) -> dict[str, Any]:
     """The arena as plain TOML-able tables, defaults written out, the unused profile left off."""
     table: dict[str, Any] = _without_none(msgspec.to_builtins(arena))
-    del table["control"]["paper" if arena.control.profile == "field" else "field"]
+    for section in _unused_sections(arena.control.profile):
+        del table["control"][section]
     return table
 
 
@@ -327,13 +331,21 @@ def _unused_profile(table: dict[str, Any]) -> list[Fault]:
     if not isinstance(control, dict):
         return []
     profile = control.get("profile", "field")
-    if profile not in ("field", "paper"):
+    if not isinstance(profile, str):
         return []
+    if profile not in profiles.OURS and profile not in (known := profiles.known()):
+        text = f"needs one of {', '.join(known)}; a law of your own must be installed on this computer"
+        return [Fault("control.profile", show(profile), text, nearest(profile, known))]
     return [
-        Fault(f"control.{other}", "", f'not used by profile "{profile}"; remove the section')
-        for other in ("field", "paper")
-        if other != profile and other in control
+        Fault(f"control.{section}", "", f'not used by profile "{profile}"; remove the section')
+        for section in _unused_sections(profile)
+        if section in control
     ]
+
+
+def _unused_sections(profile: str) -> tuple[str, ...]:
+    """Of ``[control]``. The brakes of ``[control.field]`` bound any law of your own."""
+    return {"field": ("paper", "law"), "paper": ("field", "law")}.get(profile, ("paper",))
 
 
 def _cross_checks(arena: Arena, faulty: set[str]) -> list[Fault]:

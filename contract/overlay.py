@@ -39,7 +39,7 @@ def overlaid(table: dict[str, Any], overlays: list[dict[str, Any]]) -> dict[str,
         for key, value in field.items():
             measured.setdefault(key, []).append(value)
         _merge(whole, rest)
-    if measured and whole.get("control", {}).get("profile", "field") == "field":
+    if measured and whole.get("control", {}).get("profile", "field") != "paper":
         target = whole.setdefault("control", {}).setdefault("field", {})
         for key, found in measured.items():
             target[key] = [min(low for low, _ in found), max(high for _, high in found)]

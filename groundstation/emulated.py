@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from contract import profiles
 from contract.arena import Arena, Floor, Robot
 from contract.messages import MotorSample
 from drivers.base import WheelSpeeds
@@ -25,6 +26,8 @@ from groundstation.wire import Wire
 
 ROBOT = "r01"
 WAIT_S = 5.0
+FENCE_M = 0.05
+"""The floor's edge, for a law nobody here knows."""
 
 
 class EmulatedPort:
@@ -110,9 +113,19 @@ class MockArena:
     """A mission in virtual time. Nothing passes unless :meth:`run` lets it; same seed, same run."""
 
     def __init__(
-        self, robots: int = 6, targets: int = 19, seed: int = 1, wheels: list[dict[str, Any]] | None = None
+        self,
+        robots: int = 6,
+        targets: int = 19,
+        seed: int = 1,
+        wheels: list[dict[str, Any]] | None = None,
+        profile: str = "field",
+        law: dict[str, Any] | None = None,
     ) -> None:
-        arena = arena_for(Job(robots, targets, seed, "field", "field", 600.0, wired=True))
+        """:param profile: the control law; ``law`` is what ``[control.law]`` says to one of your own."""
+        arena = arena_for(Job(robots, targets, seed, profile, "field", 600.0, wired=True))
+        control = msgspec.structs.replace(arena.control, law=law or {})
+        floor = arena.arena if profile in profiles.OURS else msgspec.structs.replace(arena.arena, fence_m=FENCE_M)
+        arena = msgspec.structs.replace(arena, arena=floor, control=control)
         if wheels is not None:
             changed = {
                 name: msgspec.structs.replace(robot, wheels=wheels[index % len(wheels)])
@@ -149,6 +162,15 @@ class MockArena:
 
     def repair(self, robot: str, kind: FaultKind) -> None:
         self._wire.emulated.repair(robot, kind)
+
+    @property
+    def collisions(self) -> int:
+        """Pairs of robots that have touched."""
+        return self.world.referee.collisions
+
+    def counters(self, robot: str) -> dict[str, int]:
+        """What the robot's agent has refused or caught, by name."""
+        return dict(self.world.agents[robot].counters)
 
     @property
     def split(self) -> bool:

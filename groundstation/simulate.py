@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 import msgspec
 
+from contract import profiles
 from groundstation import estimates
 from groundstation.activity import ACTIVITIES
 from groundstation.conditions import PRESETS, Conditions, Interval
@@ -60,7 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--targets", type=int, default=19, metavar="M", help="targets (default 19)")
     add("--runs", type=int, default=10, metavar="R", help="missions, seeds S, S+1, ... (default 10)")
     add("--seed", type=int, default=1, metavar="S", help="first seed (default 1)")
-    add("--profile", choices=("field", "paper"), default="field", help="control profile (default field)")
+    add("--profile", choices=profiles.known(), default="field", help="control profile (default field)")
     add("--workers", type=int, default=1, metavar="K", help="processes (default 1)")
     add("--cluster", metavar="ADDRESS", help="play on the Dask cluster of that scheduler, e.g. tcp://10.0.0.5:8786")
     add("--limit-s", type=float, default=180.0, help="give a mission up after this virtual time (default 180)")

@@ -1,7 +1,6 @@
 """Trials in lockstep virtual time: each from its starts, so that nobody has to drive home."""
 
 from pathlib import Path
-from typing import Literal, cast
 
 import msgspec
 
@@ -19,7 +18,7 @@ class LockstepStage:
 
     def play(self, trial: Trial, folder: Path) -> Outcome:
         experiment = self._experiment
-        profile = cast(Literal["field", "paper"], trial.profile)
+        profile = trial.profile
         save = str(folder) if experiment.record else ""
         job = Job(
             trial.robots, trial.targets, trial.seed, profile, experiment.conditions, experiment.timeout_s, save=save

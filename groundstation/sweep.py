@@ -42,7 +42,7 @@ class Job(NamedTuple):
     robots: int
     targets: int
     seed: int
-    profile: Literal["field", "paper"]
+    profile: str
     conditions: str
     """A preset's name."""
     limit_s: float

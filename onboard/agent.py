@@ -33,6 +33,7 @@ from onboard.ahdc.view import View, record
 from onboard.cut import cut_bounds, limit_cut
 from onboard.failsafes import Conditions
 from onboard.homing import Home, Homing
+from onboard.laws import installed_law
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
 from onboard.motion import MotionCheck
 from onboard.odometry import Odometry, Pose
@@ -79,7 +80,9 @@ class Agent:
         self.sensing = Sensing(robot, arena.control.sensing_radius_m, arena.safety.neighbour_silence_s)
         self.pacing = Pacing(arena.control.control_period_s, arena.mocap.frame_rate_hz)
         parameters = from_arena(arena)
-        self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims)
+        self.counters: dict[str, int] = {}
+        law = installed_law(robot, parameters, arena.control.law, self.refuse)
+        self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims, law)
         self._parameters = parameters
         entry = arena.robots[robot]
         home = Home(*entry.start, entry.heading_rad)
@@ -105,7 +108,6 @@ class Agent:
         self._verdict: Verdict | None = None
         self._drive = Drive(False, 0.0, 0.0)
         self._commanded = (0.0, 0.0)
-        self.counters: dict[str, int] = {}
         self._steps: list[RobotStep] = []
         self._view: View | None = None
         """Of the last step, until it has been thought about."""

@@ -8,6 +8,7 @@ from contract.messages import LinkMessage, NeighbourState, Target
 from contract.units import metres, radians
 from onboard.ahdc.cotr import Task
 from onboard.ahdc.field_law import FieldLaw, Steer
+from onboard.ahdc.law import Law
 from onboard.ahdc.links import LEAVING, OFF, ON
 from onboard.ahdc.memory import to_hex
 from onboard.ahdc.paper_law import PaperLaw
@@ -31,6 +32,7 @@ class Controller:
 
     The ``paper`` profile thinks first and then acts, as algorithm 1 stands. The ``field`` profile acts on the
     newest poses at once and thinks afterwards, so that a goal is one step old and the command is not late.
+    A law of another distribution takes the place of the ``paper`` profile's velocity.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class Controller:
         period_s: float,
         steer: Steer,
         rims: Callable[[float, float, float, float], tuple[float, float]],
+        law: Law | None = None,
     ) -> None:
         self.robot = robot
         self.boot = boot
@@ -48,6 +51,9 @@ class Controller:
         self.tasking = Tasking(robot, parameters)
         self.paper = PaperLaw(robot, parameters) if parameters.profile == "paper" else None
         self.field = FieldLaw(robot, boot, parameters, period_s, steer) if parameters.profile == "field" else None
+        self.own = law
+        """Neither ``paper`` nor ``field``."""
+        self._near: list[str] = []
         self.planner = self.field.planner if self.field else Planner(parameters, stop_tables(parameters), period_s)
         self._steer = steer
         self._rims = rims
@@ -94,8 +100,10 @@ class Controller:
         """Algorithm 1, lines 2-12: rim speeds towards the goal by the profile's law, or stop."""
         goal, tasking = self._goal, self.tasking
         reason = "" if goal is not None and goal.why == "target" else goal.why if goal is not None else "hold"
-        if self.paper is not None:
-            u = self.paper.velocity(view, goal)
+        law = self.own or self.paper
+        if law is not None:
+            self._near = sorted(view.sighted) if self.own else []
+            u = law.velocity(view, goal)
             if not view.may_move:
                 return Decision(0.0, 0.0, "hold")
             speed, turn = self._steer(u, view.motion.heading_rad)
@@ -118,7 +126,7 @@ class Controller:
     def link_states(self) -> dict[str, LinkWord]:
         """Every enforced link: 'on', 'doubt' (offered, accepted, in removal) or 'leaving'."""
         if self.field is None:
-            return dict.fromkeys(sorted(self.paper.neighbours if self.paper else ()), "on")
+            return dict.fromkeys(sorted(self.paper.neighbours) if self.paper else self._near, "on")
         return {
             name: "on" if entry.state is ON else "leaving" if entry.state is LEAVING else "doubt"
             for name, entry in self.field.links.entries.items()

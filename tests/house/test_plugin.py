@@ -26,28 +26,36 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
 
 
+def installed(folder: Path, name: str, group: str, toml: str) -> None:
+    """What pip leaves behind of a distribution whose ``pyproject.toml`` has this entry point."""
+    dist = folder / f"{name}-1.dist-info"
+    dist.mkdir()
+    (dist / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+    assert f'entry-points."{group}"' in toml
+    (line,) = re.findall(r'^\w+ = ".*"$', toml, re.MULTILINE)
+    (dist / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
+
+
 @pytest.mark.timeout(120)
 def test_the_pages_tests_and_ci_recipe_pass_with_the_wheel(home: Path, tmp_path: Path) -> None:
-    (tests, family) = blocks("python")
-    (tmp_path / "test_wheels.py").write_text(tests)
+    tests, family, law, law_test = blocks("python")
+    (tmp_path / "test_wheels.py").write_text(tests + "\n\n" + law_test)
+    (tmp_path / "mylaw.py").write_text(law)
+    drivers, laws, _ = blocks("toml")
+    installed(tmp_path, "mylaw", "ahdc.laws", laws)
     assert max(len(part.strip().splitlines()) for part in tests.split("\n\n")) <= 15
     (recipe,) = blocks("yaml")
     command = re.findall(r"run: (pytest .*)", recipe)[0].split()
     assert re.search(r"run: pip install ahdc-fieldkit pytest", recipe)
     out = run(home / "bin" / "python", "-m", *command, "-q", "-p", "no:cacheprovider", cwd=tmp_path)
-    assert "2 passed" in out, out
+    assert "3 passed" in out, out
     package = tmp_path / "mywheels"
     package.mkdir()
     (package / "__init__.py").write_text("")
     (package / "family.py").write_text(family)
     (package / "driver.py").write_text(FAMILY)
     (package / "emulated.py").write_text("from drivers.mock.arduino import emulate\n")
-    dist = tmp_path / "mywheels-1.dist-info"
-    dist.mkdir()
-    (dist / "METADATA").write_text("Metadata-Version: 2.1\nName: mywheels\nVersion: 1\n")
-    (toml,) = blocks("toml")
-    (entry,) = re.findall(r'^(mywheels) = "(.*)"$', toml, re.MULTILINE)
-    (dist / "entry_points.txt").write_text(f"[ahdc.drivers]\n{entry[0]} = {entry[1]}\n")
+    installed(tmp_path, "mywheels", "ahdc.drivers", drivers)
     listed = subprocess.run(
         [home / "bin" / "python", "-m", "drivers", "list", "mywheels"],
         capture_output=True, text=True, cwd=tmp_path, check=False,
