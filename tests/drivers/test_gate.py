@@ -146,7 +146,15 @@ def test_slowing_down_is_never_limited(fraction: float, left: float, right: floa
 
 @pytest.mark.parametrize(
     ("wanted", "permitted"),
-    [((40.0, -20.0), (10.0, -5.0)), ((-40.0, 20.0), (-10.0, 5.0)), ((20.0, -40.0), (5.0, -10.0))],
+    [
+        ((40.0, -20.0), (10.0, -5.0)),
+        ((-40.0, 20.0), (-10.0, 5.0)),
+        ((20.0, -40.0), (5.0, -10.0)),
+        ((40.0, 5.0), (10.0, 1.25)),
+        ((-40.0, 5.0), (-10.0, 1.25)),
+        ((5.0, 40.0), (1.25, 10.0)),
+        ((5.0, -40.0), (1.25, -10.0)),
+    ],
 )
 def test_over_speed_keeps_curvature_and_is_counted(wanted: tuple[float, float], permitted: tuple[float, float]) -> None:
     gate = gate_in(GateState.ARMED)
@@ -174,6 +182,48 @@ def test_slew_is_limited_from_the_last_permitted_speed() -> None:
     gate = gate_in(GateState.ARMED, (0.5, 0.25))
     assert gate.permit(4.0, 2.0, T0, T0) == pytest.approx((1.5, 0.75))
     assert dict(gate.counters) == {"slew": 1}
+
+
+@pytest.mark.parametrize(
+    ("last", "wanted", "permitted"),
+    [
+        ((0.5, 0.25), (4.0, 0.25), (1.5, 0.09375)),
+        ((0.5, 0.25), (0.5, 4.0), (0.15625, 1.25)),
+        ((-0.5, -0.25), (-4.0, -0.25), (-1.5, -0.09375)),
+        ((-0.5, -0.25), (-0.5, -4.0), (-0.15625, -1.25)),
+        ((0.5, 0.5), (-1.5, 0.5), (-1.0, 1 / 3)),
+        ((0.5, 0.5), (0.5, -1.5), (1 / 3, -1.0)),
+        ((0.0, 0.0), (2.0, 0.0), (1.0, 0.0)),
+        ((0.0, 0.0), (0.0, -2.0), (0.0, -1.0)),
+    ],
+)
+def test_one_wheel_too_quick_shrinks_both(
+    last: tuple[float, float], wanted: tuple[float, float], permitted: tuple[float, float]
+) -> None:
+    gate = gate_in(GateState.ARMED, last)
+    assert gate.permit(*wanted, T0, T0) == pytest.approx(permitted)
+    assert dict(gate.counters) == {"slew": 1}
+
+
+@pytest.mark.parametrize("wanted", [(1.5, 0.5), (-0.5, 0.5), (0.5, 1.5), (0.5, -0.5), (1.5, 1.5), (-0.5, -0.5)])
+def test_growth_to_the_very_bound_passes_unchanged(wanted: tuple[float, float]) -> None:
+    gate = gate_in(GateState.ARMED, (0.5, 0.5))
+    assert gate.permit(*wanted, T0, T0) == wanted
+    assert not gate.counters
+
+
+@pytest.mark.parametrize("wanted", [(10.0, 1.0), (1.0, 10.0), (-10.0, 1.0), (1.0, -10.0)])
+def test_the_very_top_speed_passes_unchanged(wanted: tuple[float, float]) -> None:
+    gate = gate_in(GateState.ARMED)
+    gate.arm(0)
+    assert gate.permit(*wanted, T0, T0) == wanted
+    assert not gate.counters
+
+
+def test_growth_is_that_of_the_time_since_the_last_command() -> None:
+    gate = gate_in(GateState.ARMED)
+    assert gate.permit(9.0, 9.0, T0, T0) == pytest.approx((1.0, 1.0))
+    assert gate.permit(9.0, 9.0, T0 + 20_000_000, T0 + 20_000_000) == pytest.approx((3.0, 3.0))
 
 
 def test_reversal_may_only_grow_from_zero() -> None:
