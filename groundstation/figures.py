@@ -6,7 +6,7 @@ rails, removed ones dotted with a cross; robots bear their ids.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,18 +64,34 @@ def _figure(width_in: float, height_in: float) -> Any:
     return figure
 
 
-def _floor(axes: Any, arena: Arena, ticks: bool = True) -> None:
+class Sheet(NamedTuple):
+    """How the arena lies on the paper: its long side across, as on the arena page (then y to the right, x down)."""
+
+    turned: bool
+    across_m: float
+    down_m: float
+
+    def at(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Arena metres to axes of the paper."""
+        return (y, x) if self.turned else (x, y)
+
+
+def sheet(arena: Arena) -> Sheet:
     width, height = arena.arena.size_m
+    return Sheet(True, height, width) if height > width else Sheet(False, width, height)
+
+
+def _floor(axes: Any, paper: Sheet, ticks: bool = True) -> None:
     axes.set_aspect("equal")
-    axes.set_xlim(0, width)
-    axes.set_ylim(0, height)
-    axes.set_xticks(np.arange(0, width + 0.01, 1 if width <= 8 else 2))
-    axes.set_yticks(np.arange(0, height + 0.01, 1 if height <= 8 else 2))
+    axes.set_xlim(0, paper.across_m)
+    axes.set_ylim(*((paper.down_m, 0) if paper.turned else (0, paper.down_m)))
+    axes.set_xticks(np.arange(0, paper.across_m + 0.01, 1 if paper.across_m <= 8 else 2))
+    axes.set_yticks(np.arange(0, paper.down_m + 0.01, 1 if paper.down_m <= 8 else 2))
     axes.grid(True, color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     if ticks:
-        axes.set_xlabel("x, m")
-        axes.set_ylabel("y, m")
+        axes.set_xlabel("y, m" if paper.turned else "x, m")
+        axes.set_ylabel("x, m" if paper.turned else "y, m")
     else:
         axes.tick_params(labelbottom=False, labelleft=False, length=0)
 
@@ -90,9 +106,9 @@ def _halo() -> list[Any]:
     return [withStroke(linewidth=1.6, foreground="white")]
 
 
-def _targets(axes: Any, targets: Sequence[Target], done: frozenset[int], size: float) -> None:
+def _targets(axes: Any, paper: Sheet, targets: Sequence[Target], done: frozenset[int], size: float) -> None:
     for target in targets:
-        x, y = target.x_m, target.y_m
+        x, y = paper.at(target.x_m, target.y_m)
         if target.index in done:
             axes.plot(x, y, "o", ms=size * 0.75, mfc="#D5DBE1", mec=FAINT, mew=0.6, zorder=2)
         else:
@@ -108,14 +124,14 @@ def trajectories(film: Film) -> Any:
     """Fig. 3: where every robot went, over the targets."""
     history = film.history
     arena = history.arena
-    width, height = arena.arena.size_m
-    figure = _figure(4.6, 4.6 * height / width + 0.5)
+    paper = sheet(arena)
+    figure = _figure(5.6, 5.2 * paper.down_m / paper.across_m + 0.7)
     axes = figure.add_subplot()
-    _floor(axes, arena)
+    _floor(axes, paper)
     if history.cloud is not None:
-        _targets(axes, history.cloud.targets, frozenset(), 5.5)
+        _targets(axes, paper, history.cloud.targets, frozenset(), 5.5)
     for i, name in enumerate(history.robots):
-        x, y = film.poses[:, i, 0], film.poses[:, i, 1]
+        x, y = paper.at(film.poses[:, i, 0], film.poses[:, i, 1])
         if not len(x) or np.isnan(x).all():
             continue
         style = STYLES[(i // len(ROBOTS)) % len(STYLES)] if len(history.robots) > len(ROBOTS) else STYLES[i % 2]
@@ -124,7 +140,7 @@ def trajectories(film: Film) -> Any:
         _robot(axes, x[-1], y[-1], label(name), _colour(i), 10)
     axes.plot([], [], "o", ms=5.5, mfc="white", mec=INK, mew=1.0, label="target")
     axes.plot([], [], "s", ms=5, mfc="white", mec=INK2, mew=1.2, label="start")
-    columns = min(5, len(history.robots) + 2)
+    columns = min(8, len(history.robots) + 2)
     figure.legend(loc="outside lower center", ncols=columns, frameon=False, fontsize=7.5, handlelength=1.8)
     return figure
 
@@ -136,10 +152,10 @@ def _robot(axes: Any, x: float, y: float, text: str, colour: str, size: float) -
     )
 
 
-def _links(axes: Any, scene: Scene) -> None:
+def _links(axes: Any, paper: Sheet, scene: Scene) -> None:
     def ends(edge: tuple[int, int]) -> tuple[Any, Any]:
         pair = scene.poses[list(edge), :2]
-        return pair[:, 0], pair[:, 1]
+        return paper.at(pair[:, 0], pair[:, 1])
 
     for edge in scene.kept:
         axes.plot(*ends(edge), color=KEPT, linewidth=1.4, zorder=4, solid_capstyle="butt")
@@ -155,9 +171,9 @@ def _links(axes: Any, scene: Scene) -> None:
 def topology(film: Film, scenes: Sequence[Scene]) -> Any:
     """Fig. 4: six snapshots of robots, links and targets."""
     arena = film.history.arena
-    width, height = arena.arena.size_m
+    paper = sheet(arena)
     panel_in = 2.4
-    figure = _figure(3 * panel_in, 2 * (0.967 * panel_in * height / width + 0.22) + 0.35)
+    figure = _figure(3 * panel_in, 2 * (0.967 * panel_in * paper.down_m / paper.across_m + 0.22) + 0.35)
     grid = figure.subplots(2, 3, squeeze=False)
     crowd = len(film.history.robots) > 20
     for k, axes in enumerate(grid.flat):
@@ -165,24 +181,19 @@ def topology(film: Film, scenes: Sequence[Scene]) -> Any:
             axes.set_axis_off()
             continue
         scene = scenes[k]
-        _floor(axes, arena, ticks=False)
+        _floor(axes, paper, ticks=False)
         if film.history.cloud is not None:
-            _targets(axes, film.history.cloud.targets, scene.done, 4.5 if not crowd else 2.5)
+            _targets(axes, paper, film.history.cloud.targets, scene.done, 4.5 if not crowd else 2.5)
         for i, name in enumerate(film.history.robots):
-            axes.plot(*scene.trail[:, i].T, color="#9CC3E8", linewidth=1.0, zorder=1.5)
+            axes.plot(*paper.at(*scene.trail[:, i].T), color="#9CC3E8", linewidth=1.0, zorder=1.5)
             x, y, heading = scene.poses[i]
             if np.isnan(x):
                 continue
-            nose = 0.045 * width
-            axes.plot(
-                [x, x + nose * np.cos(heading)],
-                [y, y + nose * np.sin(heading)],
-                color=ACTIVE,
-                linewidth=2.2,
-                zorder=5.5,
-            )
-            _robot(axes, x, y, label(name), ACTIVE, 9.5 if not crowd else 5)
-        _links(axes, scene)
+            nose = 0.04 * paper.across_m
+            ends = paper.at(np.array([x, x + nose * np.cos(heading)]), np.array([y, y + nose * np.sin(heading)]))
+            axes.plot(*ends, color=ACTIVE, linewidth=2.2, zorder=5.5)
+            _robot(axes, *paper.at(x, y), label(name), ACTIVE, 9.5 if not crowd else 5)
+        _links(axes, paper, scene)
         axes.set_title(f"({'abcdef'[k]})  {clock(scene.seconds, 1)}  {scene.caption}", fontsize=7, loc="left", pad=3)
     _topology_legend(figure)
     return figure
@@ -217,7 +228,7 @@ def lambda2_over_steps(film: Film, scenes: Sequence[Scene]) -> Any:
     values = film.lambda2()
     n = len(history.robots)
     floor = tree_floor(n) or 0.1
-    figure = _figure(7.2, 2.9)
+    figure = _figure(7.2, 2.5)
     axes = figure.add_subplot()
     busiest = max((t.step_ns for t in history.tracks.values()), key=len)
     stamps = np.sort(np.array(busiest, dtype=np.int64))
@@ -254,8 +265,4 @@ def lambda2_over_steps(film: Film, scenes: Sequence[Scene]) -> Any:
         step(np.array(sorted(done), dtype=np.int64)), np.full(len(done), low * 1.3), "o", ms=3.2, color=INK, zorder=4
     )
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_title(
-        f"{n} robots, {len(history.cloud.targets) if history.cloud else 0} targets. No connected graph of {n} robots "
-        f"has $\\lambda_2$ below {floor:.3f}. Dots: targets done.", fontsize=7.5, loc="left", color=INK2,
-    )  # fmt: skip
     return figure

@@ -1,29 +1,23 @@
 """``report.html``: a run on one self-contained page, nothing fetched, fit to print."""
 
-import base64
+import re
+from datetime import datetime
 from html import escape
 from pathlib import Path
 
 from groundstation.activity import ACTIVITIES
+from groundstation.connectivity import tree_floor
 from groundstation.measures import Spread
 from groundstation.metrics import Metrics
+from groundstation.paper import document, image, shares, table
 from groundstation.runfolder import Run, sha256
 from groundstation.scenes import clock, label
 
-STYLE = """
-body{font:15px/1.45 Inter,"DejaVu Sans",sans-serif;color:#13202c;max-width:860px;margin:36px auto;padding:0 24px;
-font-variant-numeric:tabular-nums}
-h1{font-size:33px;line-height:1.15;margin:0 0 4px} .about{color:#455563;margin:0 0 14px}
-.verdict{font-size:19px;margin:0 0 22px} .bad{color:#b4182d}
-.five{display:grid;grid-template-columns:repeat(5,1fr);border-top:2px solid #13202c;border-bottom:1px solid #d5dbe1;
-margin-bottom:22px} .five div{padding:8px 12px 10px 0} .five b{display:block;font-size:25px}
-.five span{color:#455563;font-size:13px} figure{margin:0 0 26px} figure img{width:100%}
-figcaption,.note{color:#455563;font-size:13px} table{border-collapse:collapse;width:100%;margin:6px 0 24px}
-th,td{text-align:right;padding:5px 6px;border-bottom:1px solid #e3e8ed} th:first-child,td:first-child{text-align:left}
-th{color:#455563;font-weight:600;font-size:13px;border-bottom:1px solid #13202c} footer{color:#5c6b78;font-size:12px;
-border-top:1px solid #d5dbe1;padding-top:8px} .narrow img{width:56%;display:block;margin:0 auto} h2{font-size:18px;
-margin:0} @media print{body{margin:0;max-width:none}figure,table{break-inside:avoid}}
-"""
+CONFIRM_MS = 500.0
+"""A STOP that is not answered by then is shown as NOT CONFIRMED."""
+MOST_LINES = 40
+MANY = 8
+"""More robots than this have tables as wide as the page."""
 
 
 def title(metrics: Metrics) -> str:
@@ -42,8 +36,8 @@ def verdict(metrics: Metrics) -> list[str]:
         network = f'<b class="bad">The network split</b> in {share}.'
     else:
         network = (
-            f"The network <b>never split</b>: smallest λ₂ {metrics.min_lambda2:.3f}, "
-            f"and no connected graph of {n} robots has less than {floor:.3f}."
+            f"The network <b>never split</b>. Smallest λ₂ was {metrics.min_lambda2:.2f}, and no connected graph of "
+            f"{n} robots has less than {floor:.2f}."
         )
     if metrics.collisions:
         near = f'<b class="bad">{metrics.collisions} collisions</b>, least distance {metrics.min_distance_m:.3f} m.'
@@ -54,12 +48,14 @@ def verdict(metrics: Metrics) -> list[str]:
     sentences = [network, near]
     faults = [f"{label(name)}: {fault}" for name, robot in metrics.robots.items() for fault in robot.faults]
     misses = sum(loop.deadline_misses for loop in metrics.loop.values())
+    due = misses + sum(loop.steps for loop in metrics.loop.values())
+    late = f"{misses:,} of {due:,} control steps late or left out" if misses else "no late control step"
     if faults:
         sentences.append(f'<b class="bad">{escape("; ".join(faults[:4]))}.</b>')
     elif metrics.detail and not metrics.completed:
         sentences.append(f'<b class="bad">{escape(metrics.detail)}.</b>')
     elif not metrics.stops:
-        sentences.append(f"No fault, no STOP, {misses or 'no'} late control steps.")
+        sentences.append(f"No fault, no STOP, {late}.")
     return sentences
 
 
@@ -72,10 +68,10 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
     arena = run.history.arena
     emulated = all("wheels" in robot.emulate for robot in arena.robots.values())
     width, height = arena.arena.size_m
+    place = about.get("place") or ("Mock arena" if emulated else "Real wheels")
     subtitle = (
         f"{len(arena.robots)} robots, arena {arena.arena.name}, {width:g} m by {height:g} m, profile "
-        f"{metrics.profile}, seed {metrics.seed}. {about.get('started', '')[:16].replace('T', ' ')}. "
-        f"{about.get('place') or ('Mock arena' if emulated else 'Real wheels')}."
+        f"{metrics.profile}, seed {metrics.seed}. {_date(about.get('started', ''))}. {place}."
     )
     ratio = "-" if metrics.ratio_to_lower_bound is None else f"{metrics.ratio_to_lower_bound:.2f}"
     five = [
@@ -85,71 +81,68 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
         (str(metrics.links_removed), "links removed"),
         (_ms(metrics.pose_to_wheel_ms.p99), "pose to wheel, p99"),
     ]
+    n = len(arena.robots)
+    lies = "y to the right and x down" if height > width else "x to the right and y up"
+    timing = "<h2>Timing</h2>" + table(("milliseconds", "p50", "p99", "max", "limit"), _timing(run, metrics))
+    robots = "<h2>Robots</h2>" + table(("id", "targets", "path, m", "nearest, m", "unseen", "faults"), _robots(metrics))
     body = [
         f"<h1>{escape(title(metrics))}</h1>",
         f'<p class="about">{escape(subtitle)}</p>',
         f'<p class="verdict">{" ".join(verdict(metrics))}</p>',
         '<div class="five">' + "".join(f"<div><b>{v}</b><span>{t}</span></div>" for v, t in five) + "</div>",
-        _image(figures, "topology", "Six moments of the run, to scale."),
-        _image(
-            figures, "lambda2", "λ₂ of the graph of all robots within r_c, over control steps; letters are those above."
-        ),
-        _image(
-            figures, "trajectories", "Where every robot went; squares are starts, numbers at the end are ids.", "narrow"
-        ),
-        "<h2>Timing</h2>",
-        _table(("milliseconds", "p50", "p99", "max"), _timing(metrics)),
+        image(figures / "topology.png", 1, f"Six moments of the run, to scale, {lies}. Numbers are ids of robots and, "
+              "small, of targets."),
+        image(figures / "lambda2.png", 2, f"λ₂ of the graph of all robots within sensing range, log scale, over control steps; "
+              f"letters are the moments of figure 1, dots targets done. No connected graph of {n} robots lies in the "
+              f"hatched band below {tree_floor(n):.2f}."),
+        f'<div class="pair"><div>{timing}</div><div>{robots}</div></div>' if n <= MANY else timing + robots,
         "<h2>Control loops</h2>",
-        _table(("robot", "nominal Hz", "Hz", "jitter p99, ms", "late or left out", "steps"), _loops(metrics)),
-        "<h2>Robots</h2>",
-        _table(("robot", "targets", "path, m", "nearest, m", "frames unseen", "faults"), _robots(metrics)),
+        table(("robot", "nominal Hz", "Hz", "jitter p99, ms", "late or left out", "steps"), _loops(metrics)),
         "<h2>Where the time went</h2>",
-        _table(*_time(metrics)),
-        _words(metrics),
+        *_time(metrics),
+        image(figures / "trajectories.png", 3, "Where every robot went: squares are starts, discs with ids the ends, "
+              "rings targets.", "narrow"),
         _handling(run),
         _faults(run),
         f'<p class="note">Frames not received: {metrics.frames_dropped} of {metrics.frames + metrics.frames_dropped}. '
         f"Messages that were not what their key carries: {metrics.undecodable}. "
-        f"Lower bound {metrics.lower_bound_s:.2f} s.</p>",
-        f"<footer>{escape(run.recording.path.name)}, {run.recording.path.stat().st_size / 1e6:.1f} MB, sha256 "
-        f"{sha256(run.recording.path)[:16]}…, {'whole' if run.recording.whole else 'cut off'}. Software "
-        f"{escape(revision)}{dirty}. {escape(about.get('run_id', ''))}</footer>",
-    ]
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title(metrics))}</title>'
-    return f"{head}<style>{STYLE}</style><body>{''.join(body)}</body></html>\n".encode()
+        f"Lower bound of the mission time {metrics.lower_bound_s:.2f} s. Every number: metrics.csv; what each means: "
+        "groundstation/metrics.py.</p>",
+        f"<footer><span>{escape(run.recording.path.name)}, {run.recording.path.stat().st_size / 1e6:.1f} MB, sha256 "
+        f"{sha256(run.recording.path)[:16]}…, {'whole' if run.recording.whole else 'cut off'}. "
+        f"{escape(about.get('run_id', ''))}</span><span>Software {escape(revision)}{dirty}. "
+        "ahdc-groundstation report</span></footer>",
+    ]  # fmt: skip
+    return document(title(metrics), body)
+
+
+def _date(started: str) -> str:
+    """22 November 2026, 02:20 UTC; as it stands where it is no date."""
+    try:
+        when = datetime.fromisoformat(started)
+    except ValueError:
+        return started[:16]
+    return f"{when.day} {when:%B %Y, %H:%M} UTC"
 
 
 def _ms(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f} ms"
 
 
-def _image(figures: Path, name: str, caption: str, kind: str = "") -> str:
-    content = base64.b64encode((figures / f"{name}.png").read_bytes()).decode()
-    return (
-        f'<figure class="{kind}"><img alt="{escape(caption)}" src="data:image/png;base64,{content}">'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
-    )
-
-
-def _table(head: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
-    def cell(value: object) -> str:
-        return "-" if value is None else f"{value:.2f}" if isinstance(value, float) else escape(str(value))
-
-    cells = "".join("<tr>" + "".join(f"<td>{cell(v)}</td>" for v in row) + "</tr>" for row in rows)
-    return f"<table><tr>{''.join(f'<th>{escape(h)}</th>' for h in head)}</tr>{cells}</table>"
-
-
-def _timing(metrics: Metrics) -> list[tuple[object, ...]]:
+def _timing(run: Run, metrics: Metrics) -> list[tuple[object, ...]]:
     ends = {"motor": "the emulated motor", "write": "the bus write", "mixed": "motor or bus write"}
+    safety = run.history.arena.safety
 
-    def row(name: str, spread: Spread) -> tuple[object, ...]:
-        return (name, spread.p50, spread.p99, spread.max)
+    def row(name: str, spread: Spread, limit_ms: float | None) -> tuple[object, ...]:
+        return (name, spread.p50, spread.p99, spread.max, None if limit_ms is None else f"{limit_ms:g}")
 
-    return [
-        row("Exposure to control step", metrics.pose_age_ms),
-        row(f"Pose datagram sent to {ends[metrics.pose_to_wheel_until]}", metrics.pose_to_wheel_ms),
-        row("STOP to the report that obeys it", metrics.stop_ms),
+    rows = [
+        row("Pose age at the control step", metrics.pose_age_ms, safety.max_pose_age_s * 1e3),
+        row(f"Pose datagram to {ends[metrics.pose_to_wheel_until]}", metrics.pose_to_wheel_ms, None),
     ]
+    if metrics.stops:
+        rows.append(row("STOP to the report that obeys it", metrics.stop_ms, CONFIRM_MS))
+    return rows
 
 
 def _loops(metrics: Metrics) -> list[tuple[object, ...]]:
@@ -166,14 +159,17 @@ def _robots(metrics: Metrics) -> list[tuple[object, ...]]:
     ]
 
 
-def _time(metrics: Metrics) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+def _time(metrics: Metrics) -> list[str]:
+    """Of all robots as one bar, of each as a row."""
     kinds = _kinds(metrics)
     rows: list[tuple[object, ...]] = [
-        (label(name), *(robot.seconds.get(kind, 0.0) for kind in kinds)) for name, robot in metrics.robots.items()
+        (label(name), *(f"{robot.seconds.get(kind, 0.0):.1f}" for kind in kinds))
+        for name, robot in metrics.robots.items()
     ]
     totals = [sum(robot.seconds.get(kind, 0.0) for robot in metrics.robots.values()) for kind in kinds]
-    whole = sum(totals) or 1.0
-    return (("seconds", *kinds), [*rows, ("share, %", *(100 * total / whole for total in totals))])
+    rows.append(("all", *(f"{total:.1f}" for total in totals)))
+    parts = shares(list(zip(kinds, totals, strict=True)))
+    return [parts, table(("seconds", *kinds), rows, total=True), _words(metrics)]
 
 
 def _kinds(metrics: Metrics) -> list[str]:
@@ -207,15 +203,26 @@ def _handling(run: Run) -> str:
     if not rows:
         return ""
     head = ("since start", "robot", "became", "why", "remedy", "for")
-    return "<h2>Faults and their handling</h2>" + _table(head, sorted(rows, key=lambda row: float(str(row[0])[:-2])))
+    ordered = sorted(rows, key=lambda row: float(str(row[0])[:-2]))
+    return "<h2>Faults and their handling</h2>" + table(head, ordered, words=(1, 2, 3, 4))
 
 
 def _faults(run: Run) -> str:
+    """Warnings and errors; those that differ in their numbers only are one line with its count."""
     mission = run.history.mission()
     if mission is None or not run.history.logs:
         return ""
-    rows: list[tuple[object, ...]] = [
-        (f"{(entry.stamp_ns - mission.start_ns) / 1e9:+.2f} s", entry.level, entry.source, entry.text or entry.event)
-        for entry in run.history.logs[:60]
-    ]
-    return "<h2>Warnings and errors</h2>" + _table(("since start", "level", "source", "what"), rows)
+    alike: dict[tuple[str, str, str], list[tuple[float, str]]] = {}
+    for entry in run.history.logs:
+        words = entry.text or entry.event
+        key = (entry.level, entry.source, re.sub(r"\d+([.,]\d+)?", "#", words))
+        alike.setdefault(key, []).append(((entry.stamp_ns - mission.start_ns) / 1e9, words))
+    rows: list[tuple[object, ...]] = []
+    for (level, source, _), said in list(alike.items())[:MOST_LINES]:
+        first_s, words = said[0]
+        until = f" to {said[-1][0]:+.1f} s" if len(said) > 1 else ""
+        rows.append((f"{first_s:+.1f} s{until}", len(said), level, source, words))
+    left = len(alike) - len(rows)
+    more = f'<p class="note">{left} more kinds are in the recording.</p>' if left else ""
+    head = ("since start", "times", "level", "source", "what (the first)")
+    return "<h2>Warnings and errors</h2>" + table(head, rows, words=(2, 3, 4)) + more

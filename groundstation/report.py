@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation import compare
+from groundstation import compare, comparison
 from groundstation.compare import groups, table
 from groundstation.figures import draw
 from groundstation.metrics import Metrics, failures
@@ -73,6 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN", help="run folders, or recordings; several are compared"
     )
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the comparison as a page of its own (HTML)")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the numbers of all runs, one a line")
 
 
@@ -99,6 +100,9 @@ def run(args: argparse.Namespace) -> int:
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         for row in rows:
             print("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+    if args.page and reported:
+        write_whole(args.page, comparison.page(reported))
+        print(args.page)
     if args.csv:
         write_whole(args.csv, compare.csv_of(reported))
     return code

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from contract.keys import Keys
-from contract.messages import RobotReport
+from contract.messages import LogEntry, RobotReport
 from groundstation import cli
 from groundstation.history import History
 from groundstation.page import _handling
@@ -100,6 +100,34 @@ def test_the_page_stands_alone(folder: Path) -> None:
     assert not re.search(r"(src|href)=\"(?!data:)", text)
     assert "<script" not in text
     assert "a &lt;warning&gt;" in text
+
+
+def test_warnings_that_differ_in_their_numbers_are_one_line(tmp_path: Path) -> None:
+    arena = arena_of()
+    keys = Keys(arena.arena.name)
+    entries = [
+        LogEntry(stamp_ns=START_NS + k * MS, level="warning", source="bridge", event="rate", text=f"{100 + k} frames/s")
+        for k in range(5)
+    ]
+    record(tmp_path, arena, mission(arena) + [(keys.log("bridge"), entry, entry.stamp_ns) for entry in entries])
+    finish(tmp_path)
+    text = (tmp_path / "report.html").read_text()
+    assert text.count("frames/s</td>") == 1
+    assert "<td>5</td>" in text
+
+
+def test_runs_are_compared_on_a_page_that_stands_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for k, ending in enumerate(("completed", "completed", "stopped")):
+        (tmp_path / str(k)).mkdir()
+        record(tmp_path / str(k), arena_of(), mission(arena_of(), frames=100 + k, ending=ending))
+    page = tmp_path / "comparison.html"
+    assert cli.main(["report", *(str(tmp_path / str(k)) for k in range(3)), "--page", str(page)]) == 0
+    text = page.read_text()
+    assert "3 runs compared" in text
+    assert "±" in text
+    assert "2 of 3 runs" in text
+    assert "1 split, collided or stayed incomplete" in text
+    assert not re.search(r"(src|href)=\"(?!data:)", text)
 
 
 def test_the_table_has_every_number(folder: Path) -> None:
