@@ -42,6 +42,10 @@ RUNTIME = "(" + ", ".join(f"{pool}: (worker_threads: 1)" for pool in ("app", "ac
 """One worker per Zenoh runtime: a third less run-queue delay when ten processes share two cores."""
 
 LEASE_MS = 1000
+RADIO_LEASE_MS = 1500
+"""Of a link with keys: a second without radio does not end the session, so that nothing has to be opened anew."""
+OPEN_TIMEOUT_MS = 1000
+"""An attempt to connect is given up after this: left alone, its retries grow to seconds, and a return takes as long."""
 DROP_AFTER_US = 20_000
 CLOSE_AFTER_US = 500_000
 MAX_MESSAGE_BYTES = 1 << 20
@@ -162,8 +166,9 @@ def client_config(endpoint: str, connect_timeout_s: float = 10.0, identity: Iden
         ("connect/timeout_ms", str(round(connect_timeout_s * 1000))),
         (
             "connect/retry",
-            '{"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 1.5}',
+            '{"period_init_ms": 50, "period_max_ms": 250, "period_increase_factor": 1.5}',
         ),
+        ("transport/unicast/open_timeout", str(OPEN_TIMEOUT_MS)),
         *_common([endpoint], secured),
     ]
 
@@ -205,7 +210,7 @@ def _common(endpoints: Sequence[str], tls: Mapping[str, object]) -> Settings:
         ("adminspace/enabled", "false"),
         ("timestamping/enabled", "true"),
         ("transport/link/protocols", json.dumps(list(dict.fromkeys(map(protocol_of, endpoints))))),
-        ("transport/link/tx/lease", str(LEASE_MS)),
+        ("transport/link/tx/lease", str(RADIO_LEASE_MS if tls else LEASE_MS)),
         ("transport/link/tx/keep_alive", "4"),
         ("transport/link/tx/queue/congestion_control", json.dumps(congestion)),
         ("transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES)),
