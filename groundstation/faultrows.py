@@ -45,14 +45,14 @@ class Row(NamedTuple):
     resumes: bool = False
     """The robot may go on within the time looked at: the first zero counts, not the last."""
     blind: bool = False
-    """What the motors decode cannot be heard meanwhile; the body's way is judged alone."""
+    """What the motors decode cannot be heard meanwhile; the body's place before and after is judged alone."""
     leaves: str = ""
-    """Run state at the end; empty: as the action says."""
+    """Run states at the end, one of them; empty: as the action says."""
 
     @property
-    def ends(self) -> str:
-        """Run state that the robot must be left in; empty: any."""
-        return self.leaves or ENDS.get(self.action, "")
+    def ends(self) -> tuple[str, ...]:
+        """Run states one of which the robot must be left in; empty: any."""
+        return tuple((self.leaves or ENDS.get(self.action, "")).split())
 
     @property
     def name(self) -> str:

@@ -25,8 +25,8 @@ def judge(row: Row, outcome: Outcome, allowed: float) -> Iterator[str]:
         yield f"{outcome.collisions} collision(s)"
     if outcome.split:
         yield "the others came apart"
-    if row.ends and outcome.state != row.ends:
-        yield f"left {outcome.state or 'in no state'}, expected {row.ends}"
+    if row.ends and outcome.state not in row.ends:
+        yield f"left {outcome.state or 'in no state'}, expected {' or '.join(row.ends)}"
     if row.failsafes and not set(row.failsafes) & set(outcome.failsafe):
         yield f"spoke {', '.join(outcome.failsafe) or 'nothing'}, expected {' or '.join(row.failsafes)}"
     if row.zero_s is None:
