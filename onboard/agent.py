@@ -85,6 +85,8 @@ class Agent:
         self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims, law)
         self._parameters = parameters
         entry = arena.robots[robot]
+        self._on_stand = entry.emulate == ("body",)
+        """Its virtual body rolls as the wheels say they turn, which is told at once."""
         home = Home(*entry.start, entry.heading_rad)
         self.homing = Homing(robot, home, parameters, self._bounds, self.pacing.period_s)
         self._going_home = False
@@ -289,15 +291,20 @@ class Agent:
             if self._steps:
                 out.append((self._keys.steps(self.robot), StepBatch(robot=self.robot, steps=tuple(self._steps))))
                 self._steps = []
-            if self._samples:
-                batch = FeedbackBatch(robot=self.robot, samples=tuple(self._samples))
-                out.append((self._keys.feedback(self.robot), batch))
-                self._samples = []
+            self._tell_feedback(out)
+        if self._on_stand:
+            self._tell_feedback(out)
         out += [(self._keys.log(self.robot), entry) for entry in self._logs]
         self._logs = []
         return out
 
     # --- inside -------------------------------------------------------------------------------
+
+    def _tell_feedback(self, out: list[tuple[str, Message]]) -> None:
+        if self._samples:
+            batch = FeedbackBatch(robot=self.robot, samples=tuple(self._samples))
+            out.append((self._keys.feedback(self.robot), batch))
+            self._samples = []
 
     def _on_frame(self, frame: MocapFrame, now_ns: int) -> bool:
         last = self._frame

@@ -21,7 +21,7 @@ class GuardedLaw:
         try:
             x, y = self._law.velocity(view, goal)
             u = float(x), float(y)
-        except Exception as error:  # noqa: BLE001
+        except Exception as error:
             self._count(f"law: {type(error).__name__}")
             return (0.0, 0.0)
         if not (math.isfinite(u[0]) and math.isfinite(u[1])):
