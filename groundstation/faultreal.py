@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation import rig
 from groundstation.faultkept import Kept
-from groundstation.faultrig import LATE_S, Stage, StageError, rest_s, rolled_m, unreadable
+from groundstation.faultrig import LATE_S, TRIES, Stage, StageError, rest_s, rolled_m, unreadable
 from groundstation.faultrows import AGE_S, TURN_S, Action, Outcome, Row, allowed_m
 from groundstation.faultwords import judge, zero_after_s
 from groundstation.link import Link
@@ -21,13 +21,11 @@ WATCH_S = 2.8
 TOLD_S = 0.06
 """Emulated hardware looks at its faults this often."""
 REST_MPS = 0.01
-TRIES = 8
-"""A mission may end by itself before its fault."""
 PAUSE_S = 0.6
 AGREED_M = 0.02
 """Of a way measured at 20 Hz."""
 
-LEAVES: dict[Action, str] = {"FAULT": "stopped"}
+LEAVES: dict[Action, str] = {"FAULT": "fault stopped"}
 """A robot's fault is the station's STOP for all."""
 
 Inject = Callable[[Stage, str], None]
@@ -82,22 +80,14 @@ def _rows() -> tuple[Row, ...]:
     rows += [
         Row("motion capture", "silence", "HOLD", _udp("dropped"), silence_s + TOLD_S),
         Row("motion capture", "one bit of every datagram", "HOLD", _udp("corrupted"), silence_s + TOLD_S),
-        Row("radio", "router and bridge frozen", "HOLD", _signal(signal.SIGSTOP, "bridge"), silence_s),
-        Row(
-            "radio",
-            "router and bridge killed, restarted",
-            "HOLD",
-            _restart("bridge"),
-            silence_s,
-            resumes=True,
-            blind=True,
-        ),
+        Row("radio", "router and bridge frozen", "HOLD", _signal(signal.SIGSTOP, "bridge"), silence_s, blind=True),
+        Row("radio", "router and bridge killed, restarted", "HOLD", _restart("bridge"), silence_s, blind=True),
         Row("station", "killed", "STOP", _mute, 0.5 + TURN_S + 0.07),
         Row("station", "STOP", "STOP", _stop, 0.05),
         Row("process", "hung", "CUT", _signal(signal.SIGSTOP), cut_s),
         Row("process", "hung for 0.6 s", "CUT", _pause, cut_s),
         Row("process", "killed", "CUT", _signal(signal.SIGKILL), cut_s),
-        Row("process", "killed and restarted", "CUT", _restart(""), cut_s, leaves="disarmed"),
+        Row("process", "killed and restarted", "CUT", _restart(""), cut_s, leaves="disarmed stopped"),
         Row("nothing", "no fault at all", "goes on", lambda stage, victim: None),
         Row("recorder", "hung", "goes on", _signal(signal.SIGSTOP, "recorder")),
         Row("recorder", "killed", "goes on", _signal(signal.SIGKILL, "recorder")),
@@ -142,6 +132,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     speed_mps = stage.places[victim][-1].speed_mps
     whole = stage.pieces(robots) == 1 and stage.pieces(name for name in robots if name != victim) == 1
     stage.forget()
+    before = stage.places[victim][-1]
     since_ns = time.monotonic_ns()
     row.inject(stage, victim)
     split = False
@@ -157,7 +148,12 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     stage.repair()
     stage.watch(LATE_S)
     samples = [sample for sample in stage.samples.get(victim, ()) if sample.stamp_ns < until_ns]
-    places = [place for place in stage.places[victim] if since_ns <= place.stamp_ns < until_ns]
+    places = [place for place in stage.places[victim] if since_ns <= place.stamp_ns]
+    if row.blind:
+        seen = places[:1]
+        places = [before._replace(stamp_ns=since_ns, speed_mps=0.0), *seen] if seen else []
+    else:
+        places = [place for place in places if place.stamp_ns < until_ns]
     zero_s = None if row.blind else zero_after_s(samples, since_ns, first=row.resumes)
     outcome = Outcome(
         row=row.name,

@@ -24,6 +24,7 @@ from groundstation.targets import cloud_of
 
 PATIENCE_S = 30.0
 MOVING_MPS = 0.05
+TRIES = 8
 LATE_S = 0.3
 """What was decoded before a moment has been told of this much later."""
 
@@ -95,10 +96,16 @@ class Stage:
             self.turn()
 
     def to_running(self, least: int = 1) -> None:
-        """Release, arm and start a new mission; returns once that many robots move.
+        """Release, arm and start a new mission; returns once that many robots move. A mission may end by itself.
 
         :raises StageError: it does not come to that.
         """
+        for _ in range(TRIES):
+            if self._started(least):
+                return
+        raise StageError(f"{TRIES} missions ended at once; the last: {self.session.detail}")
+
+    def _started(self, least: int) -> bool:
         session = self.session
         session.order("disarm", time.monotonic_ns())
         self.until(lambda: not session.lacking(time.monotonic_ns(), connected=False), "robots fit to drive")
@@ -110,7 +117,8 @@ class Stage:
         session.order("arm", time.monotonic_ns())
         self.until(lambda: session.phase == "armed", "armed")
         session.order("run", time.monotonic_ns())
-        self.until(lambda: len(self.moving()) >= least, f"{least} robot(s) move")
+        self.until(lambda: len(self.moving()) >= least or session.phase != "running", f"{least} robot(s) move")
+        return session.phase == "running"
 
     def _gather(self) -> None:
         """A robot has coasted out of its links: all drive to their starts."""

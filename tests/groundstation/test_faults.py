@@ -97,6 +97,9 @@ def test_a_robot_is_left_in_the_state_that_the_action_says() -> None:
     restarted = BY_NAME["process: killed and restarted"]
     assert list(judge(restarted, stopped, 1.0))
     assert not list(judge(restarted, msgspec.structs.replace(stopped, state="disarmed"), 1.0))
+    either = restarted._replace(leaves="disarmed stopped")
+    assert not list(judge(either, stopped, 1.0))
+    assert list(judge(either, msgspec.structs.replace(stopped, state="running"), 1.0))
 
 
 def test_what_no_program_can_stop_must_be_named_and_collides_at_its_own_risk() -> None:
