@@ -6,7 +6,7 @@ No threads, no clock, no sleep. Same arena, conditions and seed: the same run, b
 import heapq
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from contract.keys import Keys
 from contract.messages import (
     SCHEMA_VERSION,
     Message,
+    MocapFrame,
     MotorBatch,
     NeighbourState,
     Order,
@@ -32,6 +33,7 @@ from contract.messages import (
 from contract.units import metres, radians
 from groundstation.activity import activity
 from groundstation.conditions import Conditions
+from groundstation.grid import Cell, Grid
 from groundstation.hops import Hops, Plant, ShortCut
 from groundstation.referee import Referee
 from groundstation.targets import Scenario, lower_bound_s
@@ -51,6 +53,11 @@ ARM_NS = 200_000_000
 RUN_NS = 400_000_000
 LAST_WORDS_NS = 1_000_000_000
 """What is still unsaid this long after the end stays so."""
+CROWD = 40
+"""Of more robots than this, each is given only the bodies and the words of those that may matter to it."""
+BEYOND_M = 0.8
+"""Words carry this much farther than r_c. Cells are r_c and this wide, and bodies show two cells far: a robot that is
+lost from sight there cannot come within r_c before it is forgotten."""
 TRUTH_NS = 20_000_000
 """How often a tap hears where the bodies really are."""
 
@@ -119,7 +126,9 @@ class World:
             "check": self._on_check,
             "act": lambda _, act: act(),
         }
-        self._told_occupied = 0
+        self._told_occupied = self._known_occupied = 0
+        self._grid: Grid | None = None
+        """True places at the last frame, of a crowd."""
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
         self._hung: set[str] = set()
@@ -187,7 +196,9 @@ class World:
         done = False
         while not done and self.now_ns < limit_ns:
             arrived = self._turn()
-            done = arrived and self._running and self._occupied() == len(self.scenario.targets)
+            total = len(self.scenario.targets)
+            known = arrived and self._running and self._known_occupied.bit_count() >= total
+            done = known and self._occupied() == total
         return done
 
     def _turn(self) -> bool:
@@ -273,14 +284,38 @@ class World:
         frame = self.hops.frame(self.now_ns, seen)
         if frame is not None:
             self._tell(self.keys.mocap_frame, frame)
+            shown = self._shown(frame) if len(self.agents) > CROWD and not self.wired else {}
             for name in self.agents:
                 age_ns = self._age_ns(name)
                 if conditions.frame_loss == 0.0 or rng.random() >= conditions.frame_loss:
                     due_ns = self.now_ns + self.hops.way_ns + age_ns + self.late_ns.get(name, 0)
-                    self._at(due_ns, "arrival", name, frame)
+                    self._at(due_ns, "arrival", name, shown.get(name, frame))
         self._frame += 1
         due_ns = self._begin_ns + round(self._frame * 1e9 / self.arena.mocap.frame_rate_hz)
         self._at(due_ns, "frame", "", None)
+
+    def _shown(self, frame: MocapFrame) -> dict[str, MocapFrame]:
+        """For each robot of a crowd, the frame with the bodies around it; robots of one cell share it."""
+        places = {name: self.hops.pose(name) for name in self.agents}
+        grid = self._grid = Grid(places, max(1.0, self.radius_m) + BEYOND_M)
+        bodies = {body.robot: body for body in frame.bodies}
+        frames: dict[Cell, MocapFrame] = {}
+        shown = {}
+        for name, place in places.items():
+            cell = grid.cell(place)
+            if cell not in frames:
+                near = tuple(bodies[other] for other in grid.around(cell, 2) if other in bodies)
+                frames[cell] = msgspec.structs.replace(frame, bodies=near)
+            shown[name] = frames[cell]
+        return shown
+
+    def _hearers(self, sender: str) -> Iterable[str]:
+        """Whom a robot's words may reach: in a crowd those near it, else all."""
+        if self._grid is None:
+            return self.agents
+        pose, place = self.hops.pose, self.hops.pose(sender)[:2]
+        near = self._grid.around(self._grid.cell(place))
+        return [name for name in near if math.dist(place, pose(name)[:2]) <= self.radius_m + BEYOND_M]
 
     def _age_ns(self, name: str) -> int:
         """Base age of the robot plus jitter, clipped to the interval."""
@@ -299,6 +334,7 @@ class World:
                 agent.wrote(own_ns)
             for key, message in agent.outbox(own_ns):
                 self._send(name, key, message)
+            self._known_occupied |= agent.controller.tasking.memory.occupied
 
     def hang(self, name: str, on: bool = True) -> None:
         """Freeze a robot's process, or let it go on; what reaches it meanwhile is lost."""
@@ -353,7 +389,7 @@ class World:
         if isinstance(message, NeighbourState):
             self._told_occupied |= int(message.occupied or "0", 16)
             low, high = self.conditions.message_age_s
-            for name in self.agents:
+            for name in self._hearers(sender):
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):
                     delay_ns = int(self._rng.uniform(low, high) * 1e9) if high > 0 else 0
                     delay_ns += self.late_ns.get(name, 0)

@@ -1,10 +1,16 @@
 """Judges a lockstep mission from true positions: is the network whole, do robots touch. Pure."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+
+from groundstation.grid import Grid
 
 NEAR_M = 0.5
 """Distances above this are not looked at."""
+CROWD = 40
+"""More robots than this are looked at by cells of the floor, fewer pair by pair."""
+
+Places = Mapping[str, tuple[float, float]]
 
 
 class Referee:
@@ -21,18 +27,31 @@ class Referee:
         self._touching: set[tuple[str, str]] = set()
         self._tree: list[tuple[str, str]] = []
 
-    def look(self, places: Mapping[str, tuple[float, float]]) -> None:
+    def look(self, places: Places) -> None:
         """Judge one moment."""
-        names = list(places)
-        for i, first in enumerate(names):
+        for first, second in self._pairs(places):
             x, y = places[first]
-            for second in names[i + 1 :]:
-                other = places[second]
-                dx, dy = other[0] - x, other[1] - y
-                if dx * dx + dy * dy < NEAR_M * NEAR_M:
-                    self._pair((first, second), math.sqrt(dx * dx + dy * dy))
+            other = places[second]
+            dx, dy = other[0] - x, other[1] - y
+            if dx * dx + dy * dy < NEAR_M * NEAR_M:
+                self._pair((first, second), math.sqrt(dx * dx + dy * dy))
         if not self._connected(places):
             self.disconnected += 1
+
+    def _pairs(self, places: Places) -> Iterator[tuple[str, str]]:
+        """Every two robots that may be near each other, in the order of ``places``."""
+        names = list(places)
+        if len(names) <= CROWD:
+            for i, first in enumerate(names):
+                for second in names[i + 1 :]:
+                    yield first, second
+            return
+        grid = Grid(places, NEAR_M)
+        order = {name: k for k, name in enumerate(names)}
+        for first in names:
+            for second in grid.around(grid.cell(places[first])):
+                if order[first] < order[second]:
+                    yield first, second
 
     def _pair(self, pair: tuple[str, str], distance_m: float) -> None:
         self.min_distance_m = min(self.min_distance_m, distance_m)
@@ -42,17 +61,18 @@ class Referee:
             self._touching.add(pair)
             self.collisions += 1
 
-    def _connected(self, places: Mapping[str, tuple[float, float]]) -> bool:
+    def _connected(self, places: Places) -> bool:
         """Whether the tree that joined them last still does, or another."""
         if len(self._tree) == len(places) - 1 and all(
             math.dist(places[a], places[b]) <= self._radius_m for a, b in self._tree
         ):
             return True
         names = list(places)
+        grid = Grid(places, self._radius_m) if len(names) > CROWD else None
         inside, frontier, tree = {names[0]}, [names[0]], []
         while frontier:
             first = frontier.pop()
-            for second in names:
+            for second in grid.around(grid.cell(places[first])) if grid is not None else names:
                 if second not in inside and math.dist(places[first], places[second]) <= self._radius_m:
                     inside.add(second)
                     frontier.append(second)
