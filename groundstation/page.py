@@ -92,9 +92,9 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
         '<div class="five">' + "".join(f"<div><b>{v}</b><span>{t}</span></div>" for v, t in five) + "</div>",
         image(figures / "topology.png", 1, f"Six moments of the run, to scale, {lies}. Numbers are ids of robots and, "
               "small, of targets."),
-        image(figures / "lambda2.png", 2, f"λ₂ of the graph of all robots within sensing range, log scale, over control steps; "
-              f"letters are the moments of figure 1, dots targets done. No connected graph of {n} robots lies in the "
-              f"hatched band below {tree_floor(n):.2f}."),
+        image(figures / "lambda2.png", 2, "λ₂ of the graph of all robots within sensing range, log scale, over control "
+              "steps; letters are the moments of figure 1, dots targets done. No connected graph of "
+              f"{n} robots lies in the hatched band below {tree_floor(n):.2f}."),
         f'<div class="pair"><div>{timing}</div><div>{robots}</div></div>' if n <= MANY else timing + robots,
         "<h2>Control loops</h2>",
         table(("robot", "nominal Hz", "Hz", "jitter p99, ms", "late or left out", "steps"), _loops(metrics)),

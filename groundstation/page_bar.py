@@ -100,8 +100,13 @@ def _run(state: "PageState", rows: Sequence[Row], stop: dict[str, Any] | None, n
     if status.phase == "running" and order == "hold":
         return said("HOLDING", "hold", "blue", "Robots hold their places")
     if status.phase == "running":
-        if idle:
-            return said("RUNNING", "play", "blue", f"{len(may)} may move, {', '.join(map(label, idle))} waits")
+        out = [row["id"] for row in rows if row.get("out")]
+        idle = [name for name in idle if name not in out]
+        words = [
+            f"{', '.join(map(label, names))} {verb}" for names, verb in ((idle, "waits"), (out, "dropped")) if names
+        ]
+        if words:
+            return said("RUNNING", "play", "blue", ", ".join([f"{len(may)} may move", *words]))
         return said("RUNNING", "play", "blue", "Robots may move")
     if status.phase == "armed":
         return said("ARMED", "armed", "blue", "Wheels hold. Start moves robots")
@@ -243,6 +248,7 @@ def _can(state: "PageState", word: str, checks: Sequence[tuple[str, str]]) -> di
         "hold": good and word == "RUNNING",
         "disarm": good
         and (word in ("ARMED", "ARMING", "HOLDING", "HOMING", "COMPLETED", "FAILED") or _to_clear(state)),
+        "drop": good and word in ("RUNNING", "HOLDING"),
         "repeat": idle and (begun or word == "COMPLETED"),
         "home": idle and bool(state.misplaced()),
     }

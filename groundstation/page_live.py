@@ -31,6 +31,7 @@ class Page:
         self.clients: set[Client] = set()
         self._link = link
         self._token = token
+        self._robots = tuple(arena.robots)
         self._asked: list[tuple[OrderRequest | TargetCloud, int]] = []
         self._ask_due_ns = 0
 
@@ -65,7 +66,14 @@ class Page:
                 order = cast(Request, order)
                 if self.state.latch.pressed is not None or (order == "disarm" and self._stopped()):
                     return "stopped: release first"
-                self._ask(OrderRequest(stamp_ns=now_ns, source="page", number=number, order=order), now_ns)
+                robots: tuple[str, ...] = ()
+                if order in ("exclude", "readmit"):
+                    named = message.get("robots")
+                    if not isinstance(named, list) or not named or not all(name in self._robots for name in named):
+                        return f"{order}: a list of robots of the arena is needed"
+                    robots = tuple(named)
+                request = OrderRequest(stamp_ns=now_ns, source="page", number=number, order=order, robots=robots)
+                self._ask(request, now_ns)
             case "release":
                 typed = str(message.get("typed", ""))[:2000].strip().upper()
                 silent = self.state.silent(now_ns)

@@ -26,6 +26,8 @@ class Sight(NamedTuple):
     away_m: float | None
     """From its start."""
     trouble: Complaint | None
+    excluded: bool = False
+    """Taken out of the network by the operator."""
 
 
 def told(report: RobotReport) -> dict[str, Any]:
@@ -57,12 +59,16 @@ def row(name: str, sight: Sight) -> dict[str, Any]:
     if report is not None:
         found |= sight.told
         found["report_s"] = round(sight.report_age_s, 2)
+        if sight.excluded:
+            found["task"] = "Dropped"
         if sight.away_m is not None and (report.run == "disarmed" or report.task == "homing"):
             found["away_m"] = round(sight.away_m, 2)
     if sight.hold_share is not None:
         found["hold"] = round(min(1.0, sight.hold_share), 3)
     if sight.acknowledged_ns is not None:
         found["ack_ms"] = round(sight.acknowledged_ns / 1e6)
+    if sight.excluded:
+        found["out"] = True
     if sight.trouble is not None:
         found["trouble"] = sight.trouble._asdict()
     return found

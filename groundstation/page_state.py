@@ -156,30 +156,34 @@ class PageState(PageMemory):
                 self._cautions[name] = (trouble.title, since_ns)
                 if now_ns - since_ns < CAUTION_AFTER_S * 1e9:
                     continue
-            found[name] = trouble
+            found[name] = trouble._replace(level="caution") if name in self.excluded else trouble
         return found
 
+    @property
+    def excluded(self) -> frozenset[str]:
+        """Robots that the operator has taken out of the network."""
+        return frozenset(self.status.excluded if self.status is not None else ())
+
     def network(self, now_ns: int) -> Network:
-        control = self.arena.control
-        points = [self._poses[n][:2] if n in self._poses else None for n in self._names]
-        enforced = [
-            [self._index[o] for o in r.links_on + r.links_kept if o in self._index]
-            for r in (self._reports[n][0] if n in self._reports else None for n in self._names)
-            if r is not None
-        ]
-        linked = len(enforced) == len(self._names) and any(enforced)
-        powered = any(r.run in (*POWERED, "stopped", "fault") for r, _ in self._reports.values())
-        doubtful = frozenset(i for i, name in enumerate(self._names) if not self._verified(name, now_ns))
-        fresh = 0 <= self.frame_age_s(now_ns) <= SILENT_S
-        return network(
-            [(p[0], p[1]) if p else None for p in points],
+        """Of all robots but those taken out of it."""
+        control, out = self.arena.control, self.excluded
+        members = [name for name in self._names if name not in out]
+        place = {name: k for k, name in enumerate(members)}
+        reports = [self._reports[name][0] for name in members if name in self._reports]
+        enforced = [[place[o] for o in r.links_on + r.links_kept if o in place] for r in reports]
+        linked = len(enforced) == len(members) and any(enforced)
+        powered = any(report.run in (*POWERED, "stopped", "fault") for report in reports)
+        found = network(
+            [self._poses[n][:2] if n in self._poses else None for n in members],
             enforced if linked and powered else None,
-            doubtful,
-            self._labels,
+            frozenset(k for k, name in enumerate(members) if not self._verified(name, now_ns)),
+            [self._labels[self._index[name]] for name in members],
             control.sensing_radius_m,
             control.noncritical_radius_m,
-            fresh,
+            0 <= self.frame_age_s(now_ns) <= SILENT_S,
         )
+        number = [self._index[name] for name in members]
+        return found._replace(pairs=tuple((number[i], number[j], kind) for i, j, kind in found.pairs))
 
     def _verified(self, name: str, now_ns: int) -> bool:
         body = self._bodies.get(name)
@@ -211,4 +215,5 @@ class PageState(PageMemory):
             acknowledged_ns=self.latch.acknowledged_ns.get(name),
             away_m=away_m,
             trouble=trouble,
+            excluded=name in self.excluded,
         )

@@ -113,11 +113,20 @@ function actionList() {
   const home = ["B", "Home", can.home, false, () => order("home")], repeat = ["N", "Repeat", can.repeat, state === "COMPLETED", () => order("repeat")];
   if (state === "HOMING") return [rings, lock];
   if (state === "COMPLETED" && (can.repeat || can.home)) return [home, repeat];
-  if (state === "RUNNING") return [rings, ["H", "Hold", can.hold, false, () => order("hold")]];
-  if (state === "HOLDING") return [lock, ["Enter", "Go on", can.start, true, () => order("run")]];
+  if (state === "RUNNING") return [...dropping(can), ["H", "Hold", can.hold, false, () => order("hold")]];
+  if (state === "HOLDING") return [lock, ...dropping(can), ["Enter", "Go on", can.start, true, () => order("run")]];
   if (state === "ARMED" || state === "ARMING") return [lock, ["Enter", "Start", can.start, true, () => order("run")]];
   if (state === "COMPLETED" || state === "FAILED") return [rings, ["L", "Reset", can.disarm, true, () => order("disarm")]];
   return [...(can.disarm ? [["L", "Clear", true, false, () => order("disarm")]] : can.home ? [home] : can.repeat ? [repeat] : []), ["Enter", "Start", false, false, () => {}], ["A", `Arm ${n} robot${n > 1 ? "s" : ""}`, can.arm, true, () => order("arm")]];
+}
+
+/** Drop a robot from the network, or take it back: the selected one, else the first in trouble, else the first dropped. */
+function dropping(can) {
+  const robots = view.robots, out = robots.filter((r) => r.out);
+  const one = robots.find((r) => r.id === map.selected) || robots.find((r) => !r.out && r.trouble?.level === "fault") || out[0];
+  if (!can.drop || !one) return [["C", "Rings", true, false, () => { map.rings = !map.rings; }]];
+  const name = layout.labels[robots.indexOf(one)], send = (word) => async () => { note = await ask({ do: "order", order: word, robots: [one.id] }); };
+  return one.out ? [["J", `Rejoin ${name}`, true, false, send("readmit")]] : [["X", `Drop ${name}`, robots.length - out.length > 1, false, send("exclude")]];
 }
 
 let actions = [], actionWords = "";

@@ -234,6 +234,16 @@ def test_while_stopped_nothing_but_the_word_is_heeded(served: Served) -> None:
     assert not [m for _, m in served.wire.sent if isinstance(m, OrderRequest)]
 
 
+def test_a_drop_names_robots_of_the_arena(served: Served) -> None:
+    act, name = served.page.act, next(iter(ARENA.robots))
+    for robots in (None, [], ["r99"], name, [name, 3]):
+        assert "list of robots" in act({"do": "order", "order": "exclude", "robots": robots})
+    assert act({"do": "order", "order": "exclude", "robots": [name]}) == ""
+    request = served.wire.wait_for(OrderRequest)
+    assert isinstance(request, OrderRequest)
+    assert (request.order, request.robots) == ("exclude", (name,))
+
+
 def test_targets_go_to_the_station_checked(served: Served) -> None:
     with served.socket() as browser:
         assert "beyond the fence" in ask(browser, do="seed", points=[[9, 1]])

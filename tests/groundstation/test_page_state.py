@@ -301,7 +301,7 @@ def test_a_good_mission_in_one_glance(arena: Arena) -> None:
     assert view["time"]["big"] == "00:34"
     assert view["targets"].count("d") == 2
     assert view["stop"] is None
-    assert {name for name, may in view["can"].items() if may} == {"hold"}
+    assert {name for name, may in view["can"].items() if may} == {"hold", "drop"}
     assert len(msgspec.json.encode(view)) < 6_000
 
 
@@ -388,3 +388,30 @@ def test_repeat_and_home_are_offered_when_there_is_something_to_repeat_and_someb
     for name, robot in arena.robots.items():
         state._poses[name] = (*robot.start, 0.0, now)
     assert offered("ready", ()) == set()
+
+
+def test_a_dropped_robot_is_no_part_of_the_network_and_no_alarm(arena: Arena) -> None:
+    state = PageState(arena, 0)
+    names = list(arena.robots)
+    lost = names[-1]
+    bodies = tuple(body(n, x_m=0.5 + 0.5 * i, y_m=4.5 if n == lost else 1.0) for i, n in enumerate(names))
+    frame = MocapFrame(
+        session=1, frame=1, exposure_ns=MS, transmit_ns=MS, publish_ns=MS, rate_hz=100.0, bodies=bodies
+    )  # fmt: skip
+    state.receive(frame, MS)
+    for k, name in enumerate(names):
+        links = tuple(n for n in names[max(0, k - 1) : k + 2] if n not in (name, lost)) if name != lost else ()
+        run = "holding" if name == lost else "running"
+        state.receive(report(arena, name, links_on=links, run=run, reason="x" if name == lost else ""), MS)
+    state.receive(RunStatus(stamp_ns=MS, phase="running", elapsed_s=1.0, targets=2), MS)
+    before = state.view(2 * MS)
+    assert before["net"]["word"] == "SPLIT"
+    assert before["cell"]["tone"] == "red"
+    state.receive(RunStatus(stamp_ns=MS, phase="running", elapsed_s=1.0, targets=2, excluded=(lost,)), MS)
+    after = state.view(3 * MS)
+    assert after["net"]["word"] == "Connected"
+    assert after["cell"]["tone"] != "red"
+    assert after["robots"][-1]["out"]
+    assert "dropped" in after["run"]["sub"]
+    assert all(lost not in (names[i], names[j]) for i, j, _ in after["links"])
+    assert after["can"]["drop"]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import uvicorn
+from msgspec.structs import replace
 
 from contract.arena import Arena, digest, load, parse
 from contract.messages import (
@@ -81,6 +82,12 @@ class Stage:
             mission="lab", targets=len(self.state.cloud.targets) if self.state.cloud else 0,
         )  # fmt: skip
         self.state.receive(status, self.now_ns)
+        return self
+
+    def without(self, *names: str) -> "Stage":
+        """The operator has dropped these."""
+        assert self.state.status is not None
+        self.state.receive(replace(self.state.status, excluded=names), self.now_ns)
         return self
 
     def order(self, order: str) -> "Stage":
@@ -219,6 +226,15 @@ SCENES: dict[str, Callable[[], Stage]] = {
         .reports("running", r11={"run": "holding", "pose_valid": False, "pose_age_ms": 1800.0, "stopped": True,
                                  "task": "free", "claim": -1, "reason": "pose invalid: occluded"})
         .status("running", 59.0, range(9))
+    ),
+    "c-dropped": lambda: (
+        mission(9, 59.0)
+        .poses(SPREAD, hidden=["r11"])
+        .reports("running", r11={"run": "holding", "pose_valid": False, "pose_age_ms": 1800.0, "stopped": True,
+                                 "task": "free", "claim": -1, "reason": "pose invalid: occluded", "links_on": ()},
+                 r14={"links_on": ("r08", "r13")})
+        .status("running", 59.0, range(9))
+        .without("r11")
     ),
     "c-caution": lambda: mission().reports("running", r13={"battery_v": 10.6}),
     "c-recorder-gone": lambda: mission().here(ALL - {RECORDER}),
