@@ -130,7 +130,7 @@ class RobotComputer:
         leader = self.leader()
         if leader is None:
             return False
-        script = "mkdir -p -m 700 /root/.ssh; install -m 600 /etc/ssh/robot_key.pub /root/.ssh/authorized_keys"
+        script = "mkdir -p -m 700 ~root/.ssh; install -m 600 /etc/ssh/robot_key.pub ~root/.ssh/authorized_keys"
         inside = ["nsenter", f"--target={leader}", "--mount", "--pid", "--root", "sh", "-c", script]
         return subprocess.run(inside, capture_output=True, check=False).returncode == 0
 

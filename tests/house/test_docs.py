@@ -86,13 +86,33 @@ def test_commands_of_the_rooms_exist(page: str) -> None:
     assert [use for use in sorted(used) if not knows(*use)] == []
 
 
-@functools.cache
+COMMAND_LINE = re.compile(r"\b(ahdc-(?:onboard|drivers|mocap-bridge|groundstation))[ \t]+([a-z][a-z-]+)([^\n`|;]*)")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_options_of_commands_exist(page: str) -> None:
+    code = re.findall(r"```[a-z -]*\n(.*?)```|`([^`\n]+)`", (ROOT / page).read_text(), re.DOTALL)
+    lines = COMMAND_LINE.findall("\n".join(block or inline for block, inline in code))
+    used = {
+        (command, verb, option)
+        for command, verb, rest in lines
+        for option in re.findall(r"(?<![\w-])--[a-z-]+", rest.partition("#")[0])
+    }
+    assert [use for use in sorted(used) if not re.search(rf"{use[2]}(?![\w-])", helped(*use[:2]))] == []
+
+
 def knows(command: str, verb: str) -> bool:
+    return "usage" in helped(command, verb)
+
+
+@functools.cache
+def helped(command: str, verb: str) -> str:
+    """What the verb says of itself; empty where the command has no such verb."""
     module = command.removeprefix("ahdc-").replace("-", "_")
     done = subprocess.run(
         [sys.executable, "-m", module, verb, "--help"], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    return done.returncode == 0 and "usage" in done.stdout
+    return done.stdout if done.returncode == 0 else ""
 
 
 def test_an_unknown_verb_is_found() -> None:
