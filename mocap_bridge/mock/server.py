@@ -25,6 +25,9 @@ DEFAULT_GROUP = "239.255.42.99"
 RESTART_TICKS = 7_000_000
 """The clock's jump with a scripted restart."""
 
+FLAG_S = 0.1
+"""So long after a change of the model list frames say so."""
+
 
 class Outgoing(NamedTuple):
     """A datagram to send; frames leave from the data port, answers from the command port."""
@@ -65,9 +68,12 @@ class EmulatedServer:
 
     def inject(self, fault: Fault) -> None:
         """Add a fault to the script."""
-        script = self.settings.script
-        self.settings = self.settings._replace(script=Script((*script.faults, fault)))
-        self._camera.follow(self.settings.script)
+        self.follow(Script((*self.settings.script.faults, fault)))
+
+    def follow(self, script: Script) -> None:
+        """Another script from now on."""
+        self.settings = self.settings._replace(script=script)
+        self._camera.follow(script)
 
     # --- time ----------------------------------------------------------------------------------
 
@@ -231,8 +237,10 @@ class EmulatedServer:
         script = self.settings.script
         sight = self._camera.see(poses, elapsed_s)
         changed = any(
-            f.kind in ("id_change", "wrong_models", "duplicate_name") and 0.0 <= elapsed_s - f.start_s < 0.1
+            0.0 <= elapsed_s - edge_s < FLAG_S
             for f in script.faults
+            if f.kind in ("id_change", "wrong_models", "duplicate_name")
+            for edge_s in (f.start_s, f.start_s + f.duration_s)
         )
         latency_ns = self.settings.latency_ns
         content = Content(

@@ -26,6 +26,8 @@ MODELS_RETRY_NS = 1_000 * MILLISECOND
 COMMAND_PATIENCE_NS = 500 * MILLISECOND
 RECONNECT_NS = 1_000 * MILLISECOND
 """Silence after which the client connects again."""
+AMBIGUOUS_NS = 2_000 * MILLISECOND
+"""A model list in which bodies are not told apart is asked for again this often, until that is put right."""
 LAYOUT_DOUBT = 5
 """Frames in a row that do not decode, before other layouts are tried."""
 
@@ -174,7 +176,7 @@ class Client:
             case MessageId.SERVERINFO:
                 self._server_info(handshake.decode_server_info(opened), now_ns)
             case MessageId.MODELDEF:
-                self._model_list(opened)
+                self._model_list(opened, now_ns)
             case MessageId.ECHO_RESPONSE:
                 sent_ns, ticks = handshake.decode_echo_response(opened)
                 if 0 <= now_ns - sent_ns <= 1_000_000_000 and self.info is not None:
@@ -222,12 +224,14 @@ class Client:
         self._commands = deque(["FrameRate", "UnitsToMillimeters"])
         self._command_sent_ns = None
 
-    def _model_list(self, opened: Packet) -> None:
+    def _model_list(self, opened: Packet, now_ns: int) -> None:
         bodies, layout = read_models(opened, self.layout)
         if layout is not self.layout:
             self.counters["other_model_layout"] += 1
         self.models = names_of(bodies)
         self._models_due_ns = 0
+        if self.models.duplicate_names or self.models.duplicate_ids:
+            self._models_due_ns = now_ns + AMBIGUOUS_NS
         if self.state == "models":
             self.state = "streaming"
 
@@ -264,8 +268,9 @@ class Client:
 
     def request_models(self, now_ns: int) -> None:
         """Ask for the model list again, at most once a second."""
-        if not self._models_due_ns and self.state == "streaming":
-            self._models_due_ns = max(now_ns, self._models_asked_ns + MODELS_RETRY_NS)
+        due_ns = max(now_ns, self._models_asked_ns + MODELS_RETRY_NS)
+        if self.state == "streaming" and not 0 < self._models_due_ns <= due_ns:
+            self._models_due_ns = due_ns
             self.counters["models_refetched"] += 1
 
     def restart(self) -> None:

