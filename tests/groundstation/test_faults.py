@@ -11,6 +11,7 @@ from groundstation.conditions import FIELD
 from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown, percentiles
 from groundstation.faultreal import REAL_ROWS
+from groundstation.faultrig import Place, rest_s, rolled_m, unreadable
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
 from groundstation.faults import play
 from groundstation.faultwords import judge, zero_after_s
@@ -147,6 +148,26 @@ def test_zero_begins_where_no_motion_follows() -> None:
     assert zero_after_s([*moving, sample(500_000_000, 1.0, released=True)], 0) == 0.5
     assert zero_after_s([*moving, sample(500_000_000, 1.0, enabled=False)], 0) == 0.5
     assert zero_after_s([sample(1, 0.0), sample(700_000_000, 0.0)], 500_000_000) == 0.2
+
+
+def test_a_body_s_way_and_rest_are_read_from_where_it_really_was() -> None:
+    places = [Place(10**8 * k, 0.1 * k, 0.0, 0.5 if k < 3 else 0.001) for k in range(6)]
+    assert rolled_m(places) == pytest.approx(0.5)
+    assert rest_s(places, 0, 0.01) == 0.2
+    assert rest_s(places[3:], 0, 0.01) == 0.0
+    assert rest_s(places[:3], 0, 0.01) is None
+    assert rest_s([], 0, 0.01) is None
+
+
+def test_a_recording_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    for folder in ("run", "run-2"):
+        (tmp_path / folder).mkdir()
+    assert unreadable(tmp_path / "run") == []
+    (tmp_path / "run-2" / "run.mcap").write_bytes(b"nothing")
+    assert "not an MCAP file" in unreadable(tmp_path / "run")[0]
+    kept = Path(__file__).parents[1] / "data" / "kept.mcap"
+    (tmp_path / "run-2" / "run.mcap").write_bytes(kept.read_bytes())
+    assert unreadable(tmp_path / "run") == []
 
 
 def test_the_page_has_every_row_and_its_figures() -> None:

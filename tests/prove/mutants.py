@@ -11,6 +11,7 @@ nothing ends in time. Exit code 0 where only the mutants named by ``--equivalent
 import argparse
 import ast
 import copy
+import importlib
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -41,6 +42,7 @@ OPERATORS: dict[type[ast.operator], tuple[type[ast.operator], ...]] = {
     ast.Mult: (ast.Div, ast.Add),
     ast.Div: (ast.Mult, ast.Sub),
 }
+QUICK = "-x -q --no-header --tb=no --assert=plain -p no:cacheprovider -p no:xdist -p no:ahdc".split()
 TYPES = ("Literal", "TypeVar")
 
 
@@ -206,8 +208,7 @@ def survives(module: str, path: Path, tree: ast.Module, tests: Sequence[str]) ->
         import pytest
 
         sys.meta_path.insert(0, Planted(module, path, tree))
-        quiet = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:ahdc")
-        code = int(pytest.main([*quiet, *tests], plugins=[Brief()]))
+        code = int(pytest.main([*QUICK, *tests], plugins=[Brief()]))
     finally:
         os._exit(code)
 
@@ -222,8 +223,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     path = ROOT / Path(*args.module.split(".")).with_suffix(".py")
     source = path.read_text()
     known = equivalents(args.equivalent, args.module) if args.equivalent else {}
-    import hypothesis  # noqa: F401  before the fork, once
-    import pytest  # noqa: F401
+    for once in ("hypothesis", "hypothesis.strategies", "pytest", "contract.arena", "contract.messages"):
+        importlib.import_module(once)
 
     if not survives(args.module, path, ast.parse(source), args.tests):
         print(f"{args.module}: its tests fail without any mutant", file=sys.stderr)
