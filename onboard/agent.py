@@ -81,6 +81,9 @@ class Agent:
         self.pacing = Pacing(arena.control.control_period_s, arena.mocap.frame_rate_hz)
         parameters = from_arena(arena)
         self.counters: dict[str, int] = {}
+        self._tolerance_ns = round(arena.safety.clock_tolerance_s * 1e9)
+        self._past_sessions: set[int] = set()
+        self._past_missions: set[str] = set()
         law = installed_law(robot, parameters, arena.control.law, self.refuse)
         self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims, law)
         self._parameters = parameters
@@ -145,10 +148,7 @@ class Agent:
             case StopRequest():
                 self.supervisor.stop_request(message, now_ns)
             case TargetCloud():
-                if self.sensing.cloud(message):
-                    self.think()  # the last step's view is of the old mission
-                    self.controller.begin(message.mission)
-                self._start_direction = message.start_direction_rad
+                self._on_targets(message)
             case _:
                 self.refuse(f"unexpected {type(message).__name__}")
         return False
@@ -312,6 +312,11 @@ class Agent:
             self.refuse("frame not newer")
             self._advancing = now_ns - self._frame_arrival_ns <= STALL_NS
             return False
+        if last is not None and frame.session != last.session:
+            if frame.session in self._past_sessions:
+                self.refuse("frame of an earlier session")
+                return False
+            self._past_sessions.add(last.session)
         self._frame, self._frame_arrival_ns, self._advancing = frame, now_ns, True
         body = next((body for body in frame.bodies if body.robot == self.robot), None)
         self._pose_valid = body is not None and body.valid
@@ -335,6 +340,27 @@ class Agent:
             stamp_ns, body = moved
             self._motion.pose(stamp_ns, Pose(body.x_m, body.y_m, body.heading_rad))
 
+    def _counted(self) -> dict[str, int]:
+        """Everything refused so far, by name."""
+        found = dict(self.counters)
+        if self.sensing.replayed:
+            found["state replayed"] = self.sensing.replayed
+        if self.supervisor.ignored_heartbeats:
+            found["heartbeat replayed"] = self.supervisor.ignored_heartbeats
+        return found
+
+    def _on_targets(self, cloud: TargetCloud) -> None:
+        """An earlier mission's targets are a replay, unless the station is back at that mission."""
+        if cloud.mission in self._past_missions and cloud.mission != self.supervisor.mission:
+            self.refuse("targets of an earlier mission")
+            return
+        before = self.sensing.mission
+        if self.sensing.cloud(cloud):
+            self._past_missions.add(before)
+            self.think()  # the last step's view is of the old mission
+            self.controller.begin(cloud.mission)
+        self._start_direction = cloud.start_direction_rad
+
     def _on_state(self, state: NeighbourState, now_ns: int) -> None:
         if state.robot == self.robot:
             if state.boot != self.boot:
@@ -342,6 +368,8 @@ class Agent:
             return
         if state.robot not in self.arena.robots:
             self.refuse("state of a robot that is not in the arena file")
+        elif state.stamp_ns > now_ns + self._tolerance_ns:
+            self.refuse("state ahead of its time")
         elif self.sensing.state(state, now_ns) and not self._going_home:
             mine = tuple(message for message in state.mail if message.to == self.robot)
             self.controller.hear_mail(state.robot, mine, now_ns * 1e-9)
@@ -458,7 +486,7 @@ class Agent:
             neighbours=tuple(sorted(self.sensing.sighted(own[0], now_ns))) if own else (),
             links_on=tuple(name for name, state in links.items() if state == "on"),
             links_kept=tuple(name for name, state in links.items() if state != "on"),
-            counters=dict(self.counters),
+            counters=self._counted(),
         )
 
     def _log(self, now_ns: int, level: LogLevel, event: str, text: str, remedy: str = "") -> None:

@@ -74,6 +74,8 @@ class Supervisor:
         """The last ``run`` obeyed was to drive home."""
         self.excluded: frozenset[str] = frozenset()
         """Robots taken out of the network, by the newest heartbeat."""
+        self.mission = ""
+        """The station's, by the newest heartbeat."""
         self.ignored_heartbeats = 0
         """Repeated, reordered, too old or from the future."""
         self._robot = robot
@@ -105,6 +107,7 @@ class Supervisor:
             return
         self._station_boot, self._seq = message.boot, message.seq
         self.excluded = frozenset(message.excluded)
+        self.mission = message.mission
         self._station_ns = min(message.stamp_ns, now_ns)
         self._mismatch = self._difference(message)
         if newcomer:

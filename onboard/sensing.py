@@ -67,6 +67,10 @@ class Sensing:
         self.mission = ""
         """Of the cloud."""
         self._newest_ns = 0
+        self._retired: set[tuple[str, int]] = set()
+        """Boots of robots that have spoken in a later one since."""
+        self.replayed = 0
+        """State messages repeated, overtaken, or of an earlier boot."""
         self.out_of_range = 0
         """State messages the virtual radio swallowed."""
 
@@ -108,13 +112,22 @@ class Sensing:
         return math.hypot(x - other.x_m, y - other.y_m) <= self._radius_m
 
     def state(self, state: NeighbourState, now_ns: int) -> bool:
-        """Take a neighbour's message; False where it is out of range, or not newer than the last."""
+        """Take a neighbour's message; False where it is out of range, not newer than the last, or of a past boot."""
         if not self.in_range(state.robot):
             self.out_of_range += 1
             return False
         known = self._heard.get(state.robot)
-        if known is not None and known[0].boot == state.boot and state.seq <= known[0].seq:
-            return False
+        if known is not None:
+            last = known[0]
+            if state.boot == last.boot:
+                replayed = state.seq <= last.seq
+            else:
+                replayed = (state.robot, state.boot) in self._retired
+                if not replayed:
+                    self._retired.add((state.robot, last.boot))
+            if replayed:
+                self.replayed += 1
+                return False
         self._heard[state.robot] = (state if state.mission == self.mission else without_targets(state), now_ns)
         return True
 
