@@ -136,7 +136,9 @@ def test_list_with_shared_ids_is_asked_for_until_it_is_put_right() -> None:
     session = Session(models=(*ROBOTS, BodyModel("spare", 1)))
     request = packet(MessageId.REQUEST_MODELDEF)
     session.receiver.outbox(T0)
-    assert request not in session.receiver.outbox(T0 + 1_000 * MILLISECOND)
+    session.now_ns = T0 + 1_900 * MILLISECOND
+    session.frame([body(2)])
+    assert request not in session.receiver.outbox(session.now_ns)
     assert request in session.receiver.outbox(T0 + 2_100 * MILLISECOND)
     session.list(ROBOTS)
     assert request not in session.receiver.outbox(T0 + 9_000 * MILLISECOND)
