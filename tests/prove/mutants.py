@@ -42,7 +42,19 @@ OPERATORS: dict[type[ast.operator], tuple[type[ast.operator], ...]] = {
     ast.Mult: (ast.Div, ast.Add),
     ast.Div: (ast.Mult, ast.Sub),
 }
-QUICK = "-x -q --no-header --tb=no --assert=plain -p no:cacheprovider -p no:xdist -p no:ahdc".split()
+QUICK = [
+    "-x",
+    "-q",
+    "--no-header",
+    "--tb=no",
+    "--assert=plain",
+    "-p",
+    "no:cacheprovider",
+    "-p",
+    "no:xdist",
+    "-p",
+    "no:ahdc",
+]
 TYPES = ("Literal", "TypeVar")
 
 
