@@ -32,6 +32,7 @@ VERBS: dict[str, Verb] = {
     "simulate": Verb("groundstation.simulate", "run many missions in lockstep virtual time", "Try"),
     "experiment": Verb("groundstation.experiment", "run a file's trials, resumable, and aggregate them", "Try"),
     "faults": Verb("groundstation.faults", "inject every fault of the matrix in virtual time and judge", "Try"),
+    "radio": Verb("groundstation.radio", "the same mission over a worse and worse radio, as a table", "Try"),
     "mock-arena": Verb("groundstation.mock_arena", "emulate wheels, bodies and motion capture of an arena", "Try"),
     "keys": Verb("groundstation.keys", "certificates of a site on a network: init, issue, revoke, list", "Run"),
     "router": Verb("groundstation.router", "the router of a site with keys: mutual TLS, rules for every robot", "Run"),

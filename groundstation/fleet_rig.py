@@ -28,6 +28,7 @@ def fleet_arena(source: Path, out: Path, protocol: Protocol, changes: rig.Change
 
     :raises ArenaError: the file, or what the changes make of it, has faults.
     """
+    out.mkdir(parents=True, exist_ok=True)
     table = table_of(rig.mock_arena(source, out, changes))
     space = Namespaces(WIRED, list(table["robots"]))
     router = space.address("bridge" if protocol == "tcp" else "router")
@@ -100,6 +101,6 @@ class FleetRig(rig.Rig):
     def _run(self, name: str, module: str, arguments: list[str]) -> Child:
         member = PLACES.get(name, name if name in self.arena.robots else "station")
         log = self.out / "logs" / f"{name}.log"
-        niceness = 0 if name == "recorder" else rig.REALTIME_NICENESS
+        niceness = rig.NICENESS.get(name, rig.REALTIME_NICENESS)
         ends = {**rig.ENDS, "relay": 4, "router": 3}.get(name, 0)
         return self.family.start(name, module, arguments, log, niceness, ends, self.network.inside(member))
