@@ -33,6 +33,7 @@ from contract.messages import (
 from contract.units import metres, radians
 from groundstation.activity import activity
 from groundstation.conditions import Conditions
+from groundstation.connectivity import summary
 from groundstation.grid import Cell, Grid
 from groundstation.hops import Hops, Plant, ShortCut
 from groundstation.referee import Referee
@@ -127,6 +128,8 @@ class World:
             "act": lambda _, act: act(),
         }
         self._told_occupied = self._known_occupied = 0
+        self._done: list[int] = []
+        """Targets in the order in which the station heard of them."""
         self._grid: Grid | None = None
         """True places at the last frame, of a crowd."""
         self._phase_ns: dict[str, float] = {}
@@ -243,6 +246,12 @@ class World:
 
     def _tell_status(self, phase: Phase, detail: str = "") -> None:
         """The mission as the station sees it, for whoever reads the recording."""
+        if self.tap is None:
+            return
+        heard = (k for k in range(len(self.scenario.targets)) if self._told_occupied >> k & 1)
+        self._done += [k for k in heard if k not in self._done]
+        crew = [self.hops.pose(name)[:2] for name in self.agents if name not in self.excluded]
+        value, pieces = summary(crew, self.arena.control.sensing_radius_m)
         elapsed_s = (self.now_ns - self._start_ns) * 1e-9 if self._running else 0.0
         status = RunStatus(
             stamp_ns=self.now_ns,
@@ -251,6 +260,10 @@ class World:
             detail=detail,
             elapsed_s=round(elapsed_s, 6),
             targets=len(self.scenario.targets),
+            occupied=tuple(self._done),
+            lambda2=round(value, 6),
+            components=pieces,
+            excluded=tuple(sorted(self.excluded)),
             min_distance_m=metres(min(self.referee.min_distance_m, 1000.0)),
         )
         self._tell(self.keys.status, status)

@@ -67,10 +67,12 @@ class PageMemory:
     def receive(self, message: Message, arrival_ns: int) -> None:
         match message:
             case MocapFrame():
+                self.roll.heard(BRIDGE)
                 self._take_frame(message, arrival_ns)
             case RobotReport() if message.robot in self._index:
                 self._take_report(message, arrival_ns)
             case RunStatus():
+                self.roll.heard(STATION)
                 self._take_status(message, arrival_ns)
             case TargetCloud():
                 self.board.take(message)
@@ -169,7 +171,8 @@ class PageMemory:
             self.note(f"Mission {status.phase}{detail}", "error" if bad else "info", arrival_ns)
 
     def _take_log(self, entry: LogEntry, arrival_ns: int) -> None:
-        if entry.source == "recorder":
+        if entry.source == RECORDER:
+            self.roll.heard(RECORDER)
             worse = entry.level != "info" and (self.recorder is None or self.recorder.level != entry.level)
             self.recorder, self.recorder_ns = entry, arrival_ns
             if not worse:

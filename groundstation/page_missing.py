@@ -1,7 +1,8 @@
 """Which process of the station is missing, what that means and what to do, in words for the arena page. Pure.
 
-Presence is a liveliness token: it ends with its process at once, long before silence would tell. It is no safety
-signal: robots go by heartbeat and poses.
+Presence is a liveliness token: it ends with its process at once, long before silence would tell. A network in trouble
+may lose the token of a process that lives: who is heard is there. It is no safety signal: robots go by heartbeat and
+poses.
 """
 
 from collections.abc import Collection
@@ -45,6 +46,10 @@ class Roll:
         for source in come:
             self.gone_ns.pop(source, None)
         return come, gone
+
+    def heard(self, source: str) -> None:
+        """It speaks, so it is there, whatever became of its token."""
+        self.gone_ns.pop(source, None)
 
     def since_s(self, source: str, now_ns: int) -> float | None:
         """Since when it is gone; None while it is here or was never seen."""

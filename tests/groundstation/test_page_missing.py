@@ -3,7 +3,7 @@
 import pytest
 
 from contract.arena import Arena, load
-from contract.messages import TOOK_OVER, MocapFrame, RunStatus
+from contract.messages import TOOK_OVER, LogEntry, MocapFrame, RunStatus
 from groundstation import rig
 from groundstation.page_missing import BRIDGE, PAGE, RECORDER, ROUTER, STATION
 from groundstation.page_state import PageState
@@ -72,6 +72,15 @@ def test_a_station_that_hangs_is_told_by_its_silence(state: PageState) -> None:
     (missing,) = state.missing(2000 * MS)
     assert missing.part == STATION
     assert missing.title == "Station silent"
+
+
+def test_who_is_heard_is_there_whatever_became_of_its_token(state: PageState) -> None:
+    state.attend({PAGE}, 10 * MS)
+    speak(state, state.arena, 60 * MS)
+    state.attend({PAGE}, 61 * MS)
+    assert [part.part for part in state.missing(70 * MS)] == [RECORDER]
+    state.receive(LogEntry(stamp_ns=80 * MS, source="recorder", level="info", event="recording", text="1 MB"), 80 * MS)
+    assert state.missing(90 * MS) == []
 
 
 def test_a_recorder_that_never_was_is_not_missed(state: PageState) -> None:

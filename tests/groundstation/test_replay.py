@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -9,7 +10,7 @@ import pytest
 
 from contract.codec import decode, encode
 from contract.keys import Keys
-from contract.messages import BodyPose, FeedbackBatch, InputBatch, Message, MocapFrame, NeighbourState
+from contract.messages import BodyPose, FeedbackBatch, InputBatch, Message, MocapFrame, NeighbourState, RunStatus
 from groundstation import cli
 from groundstation.conditions import FIELD
 from groundstation.lockstep import World
@@ -58,6 +59,19 @@ class Tape:
 @pytest.fixture(scope="module", params=[False, True], ids=["direct", "wire"])
 def tape(request: pytest.FixtureRequest) -> Tape:
     return Tape(request.param, 3.0)
+
+
+def test_the_recorded_status_tells_targets_and_connectivity(tape: Tape) -> None:
+    status = [decode(RunStatus, payload) for key, payload, _ in tape.payloads if key == tape.keys.status]
+    running = [entry for entry in status if entry.phase == "running"]
+    assert {entry.components for entry in running} == {1}
+    assert min(entry.lambda2 for entry in running) > 0.9, "no connected graph of three has less than 1"
+    states = [decode(NeighbourState, payload) for key, payload, _ in tape.payloads if key.endswith("/state")]
+    bits = 0
+    for state in states:
+        bits |= int(state.occupied or "0", 16)
+    assert len(status[-1].occupied) == bits.bit_count()
+    assert all(set(a.occupied) <= set(b.occupied) for a, b in pairwise(status))
 
 
 def test_replay_is_equal_in_every_bit(tape: Tape) -> None:
