@@ -19,7 +19,7 @@ from groundstation.link import Link
 from groundstation.mock_arena import FAULTS_FILE
 from groundstation.recording import Recording, RecordingError
 from groundstation.rig import Rig
-from groundstation.session import Plan
+from groundstation.session import ENDED, Plan
 from groundstation.targets import cloud_of
 
 PATIENCE_S = 30.0
@@ -115,7 +115,7 @@ class Stage:
         session.order("repeat", time.monotonic_ns())
         self.until(lambda: session.phase == "ready", "ready again")
         session.order("arm", time.monotonic_ns())
-        self.until(lambda: session.phase == "armed", "armed")
+        self.until(lambda: session.phase in ("armed", *ENDED), "armed")
         session.order("run", time.monotonic_ns())
         self.until(lambda: len(self.moving()) >= least or session.phase != "running", f"{least} robot(s) move")
         return session.phase == "running"

@@ -133,12 +133,12 @@ class Supervisor:
             self._active_since_ns = now_ns
         sight = self._sight(conditions, now_ns)
         tripped = [row for row in FAILSAFES if row.tripped(sight)]
-        latching = holding = None
+        latching, held = None, False
         for row in tripped:
-            if latching is None and row.action in _EVENT_OF:
+            if row.action == "hold":
+                held = True
+            elif latching is None and row.action in _EVENT_OF:
                 latching = row
-            elif holding is None and row.action == "hold":
-                holding = row
         self._blocked = text(latching, sight) if latching else ""
         if latching is not None and self.state in POWERED:
             remedy = conditions.driver_remedy if latching.name == "driver_fault" else latching.remedy
@@ -150,13 +150,13 @@ class Supervisor:
             waited_s = (now_ns - self._settle_from_ns) / 1e9
             self._settling = not ((at_rest and fresh) or waited_s >= self._safety.stop_settle_s)
         powered = self.state in POWERED
-        run: RunState = "holding" if self.state == "running" and holding is not None else self.state
+        run: RunState = "holding" if self.state == "running" and held else self.state
         idle_reason = None if self._reason else latching
         first = tripped[0] if tripped else None
         speaks = first if powered else idle_reason
         return Verdict(
             run=run,
-            may_move=self.state == "running" and holding is None,
+            may_move=self.state == "running" and not held,
             enable=powered or self._settling,
             reason=text(speaks, sight) if speaks else self._reason,
             remedy=speaks.remedy if speaks else self._remedy,
