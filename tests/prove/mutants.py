@@ -18,6 +18,7 @@ import importlib.util
 import os
 import signal
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -234,7 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     path = ROOT / Path(*args.module.split(".")).with_suffix(".py")
     source = path.read_text()
-    known = equivalents(args.equivalent, args.module) if args.equivalent else {}
+    known = equivalents(args.equivalent, args.module) if args.equivalent else Counter()
     for once in ("hypothesis", "hypothesis.strategies", "pytest", "contract.arena", "contract.messages"):
         importlib.import_module(once)
 
@@ -242,32 +243,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{args.module}: its tests fail without any mutant", file=sys.stderr)
         return 2
     first, _, last = args.lines.partition(":")
-    total, equal, alive, named = 0, 0, [], set()
+    total, equal, alive = 0, 0, 0
     for mutant in mutants(source):
         if args.lines and not int(first) <= mutant.line <= int(last):
             continue
         total += 1
         if survives(args.module, path, mutant.tree, args.tests):
             name = mutant.name(source)
-            if name in known:
-                named.add(name)
+            if known[name]:
+                known[name] -= 1
                 equal += 1
             else:
-                alive.append(mutant)
+                alive += 1
                 print(f"{args.module}: {name}", flush=True)
-    unused = set() if args.lines else known.keys() - named
+    unused = [] if args.lines else sorted(known.elements())
     for name in unused:
         print(f"named as equivalent, but killed or gone: {name}")
-    print(f"{args.module}: {total - len(alive) - equal} of {total} killed, {equal} equivalent, {len(alive)} alive")
+    print(f"{args.module}: {total - alive - equal} of {total} killed, {equal} equivalent, {alive} alive")
     return 1 if alive or unused else 0
 
 
-def equivalents(path: Path, module: str) -> dict[str, str]:
-    """Mutant to proof, from lines ``MODULE: MUTANT  # PROOF``.
+def equivalents(path: Path, module: str) -> Counter[str]:
+    """Mutants that may survive, each as often as it stands there, from lines ``MODULE: MUTANT  # PROOF``.
 
     :raises ValueError: a line has no proof.
     """
-    found = {}
+    found: Counter[str] = Counter()
     for line in path.read_text().splitlines():
         name, _, rest = line.partition(": ")
         what, _, proof = rest.partition("  # ")
@@ -275,7 +276,7 @@ def equivalents(path: Path, module: str) -> dict[str, str]:
             continue
         if not proof.strip():
             raise ValueError(f"{path.name}: '{what}' has no proof")
-        found[what.strip()] = proof.strip()
+        found[what.strip()] += 1
     return found
 
 
