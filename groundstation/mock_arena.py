@@ -19,8 +19,10 @@ from pathlib import Path
 from typing import cast
 
 from contract.arena import Arena, ArenaError, load
+from contract.messages import FeedbackBatch
 from drivers.mock.faults import FAULTS, FaultKind
 from drivers.mock.host import EmulatedWheels
+from drivers.mock.stand import Stand
 from drivers.registry import wheel_faults
 from groundstation.link import Link, LinkError
 from mocap_bridge.mock.bodies import BodyState, settings_of
@@ -38,6 +40,12 @@ class MockArena:
         self._names = [name for name, robot in arena.robots.items() if "body" in robot.emulate]
         self._bodies = {name: arena.robots[name].body for name in self._names}
         self._wheels = EmulatedWheels(arena)
+        self._stands = {
+            name: Stand(arena.platform, arena.robots[name].start, arena.robots[name].heading_rad)
+            for name in self._names
+            if "wheels" not in arena.robots[name].emulate
+        }
+        """Real wheels with a virtual body."""
         self._server = EmulatedServer(settings_of(arena), self._bodies.values())
         self._address = arena.mocap.server
         self._shell: ServerShell | None = None
@@ -54,6 +62,7 @@ class MockArena:
         :raises OSError: a port or path is taken.
         """
         self._wheels.plug()
+        self._link.subscribe([self._link.keys.feedback(name) for name in self._stands])
         self._shell = ServerShell(self._server, self._address)
 
     def close(self) -> None:
@@ -86,6 +95,7 @@ class MockArena:
                 self._wheels.roll(now_ns)
             if frame_due:
                 sent_ns = time.monotonic_ns()
+                self._listen()
                 if ("udp", "dropped") in self._faults:
                     self._server.stream(now_ns, self._poses(), sent_ns)
                 else:
@@ -107,7 +117,22 @@ class MockArena:
         return max(0.0, (min(due) - time.monotonic_ns()) / 1e9)
 
     def _poses(self) -> list[BodyState]:
-        return [BodyState(self._bodies[name], *self._wheels.pose(name)) for name in self._names]
+        now_ns = time.monotonic_ns() if self._stands else 0
+        return [
+            BodyState(
+                self._bodies[name],
+                *(self._stands[name].pose(now_ns) if name in self._stands else self._wheels.pose(name)),
+            )
+            for name in self._names
+        ]
+
+    def _listen(self) -> None:
+        """What the real wheels measured."""
+        if self._stands:
+            for _, message in self._link.drain():
+                if isinstance(message, FeedbackBatch) and message.robot in self._stands:
+                    for sample in message.samples:
+                        self._stands[message.robot].measured(sample)
 
     def _read_faults(self) -> None:
         try:

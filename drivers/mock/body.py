@@ -21,15 +21,21 @@ class Body:
 
     def roll(self, left_rad: float, right_rad: float) -> None:
         """Move to these total wheel angles."""
-        left_m = (left_rad - self._left_rad) * self.left_radius_m
-        right_m = (right_rad - self._right_rad) * self.right_radius_m
+        left, right = left_rad - self._left_rad, right_rad - self._right_rad
         self._left_rad, self._right_rad = left_rad, right_rad
+        self.x_m, self.y_m, self.heading_rad = self.ahead(left, right)
+
+    def ahead(self, left_rad: float, right_rad: float) -> tuple[float, float, float]:
+        """x in m, y in m, heading in rad, were the wheels turned on by these angles."""
+        left_m, right_m = left_rad * self.left_radius_m, right_rad * self.right_radius_m
         distance_m, turn_rad = 0.5 * (left_m + right_m), (right_m - left_m) / self.separation_m
         half = 0.5 * turn_rad
         chord_m = distance_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
-        self.x_m += chord_m * math.cos(self.heading_rad + half)
-        self.y_m += chord_m * math.sin(self.heading_rad + half)
-        self.heading_rad = math.remainder(self.heading_rad + turn_rad, 2.0 * math.pi)
+        return (
+            self.x_m + chord_m * math.cos(self.heading_rad + half),
+            self.y_m + chord_m * math.sin(self.heading_rad + half),
+            math.remainder(self.heading_rad + turn_rad, 2.0 * math.pi),
+        )
 
     def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
         """Carry the robot somewhere by hand."""
