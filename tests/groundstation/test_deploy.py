@@ -249,6 +249,14 @@ def test_unit_and_rules_say_what_the_arena_file_says() -> None:
     assert "bitrate 250000 restart-ms 100" in render.rules(arena().robots["r06"])
 
 
+def test_no_controller_that_is_silent_starves_the_watchdog() -> None:
+    from drivers.serial.arduino import Drive
+
+    (watchdog_s,) = re.findall(r"^WatchdogSec=(\d+)$", render.unit(arena(), "r06", "x"), re.MULTILINE)
+    petted_every_s = int(watchdog_s) / 4
+    assert petted_every_s + Drive.BOOT_S + 1.0 < int(watchdog_s)
+
+
 @pytest.mark.parametrize("channel", ["/dev/ttyACM0", 'can0", RUN+="/bin/sh', "a" * 16, ""])
 def test_no_channel_writes_a_rule_of_its_own(channel: str) -> None:
     wheels = {"kind": "odrive", "channel": channel, "left": 0, "right": 1}

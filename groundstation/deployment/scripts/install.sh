@@ -1,4 +1,5 @@
 # The environment of a release, from the wheels beside it and from nowhere else. Each wheel's hash was sent by ssh.
+umask 022
 env="$ROOT$FOLDER/envs/$ENVIRONMENT" wheels="$ROOT$FOLDER/wheels" release="$ROOT$FOLDER/releases/$RELEASE"
 if [ ! -e "$env/complete" ]; then
   rm -rf "$env"
