@@ -44,8 +44,9 @@ RUNTIME = "(" + ", ".join(f"{pool}: (worker_threads: 1)" for pool in ("app", "ac
 LEASE_MS = 1000
 RADIO_LEASE_MS = 1500
 """Of a link with keys: a second without radio does not end the session, so that nothing has to be opened anew."""
-OPEN_TIMEOUT_MS = 1000
-"""An attempt to connect is given up after this: left alone, its retries grow to seconds, and a return takes as long."""
+OPEN_TIMEOUT_MS = 2500
+"""An attempt to connect is given up after this: left alone, its retries grow to seconds, and a return takes as long.
+Much less is too little for handshakes on a computer that is overloaded: nobody would come back at all."""
 DROP_AFTER_US = 20_000
 CLOSE_AFTER_US = 500_000
 MAX_MESSAGE_BYTES = 1 << 20
