@@ -92,15 +92,16 @@ class Mission:
         return len(self.motors) == 3 and all(abs(batch.true_speed_mps) < 0.005 for batch in self.motors.values())
 
     def order(self, order: Request, done: Callable[[], bool]) -> None:
-        number = time.time_ns() // 1_000_000
+        """Ask until it is done, as an operator presses again: a request is obeyed once."""
         due = 0.0
 
         def obeyed() -> bool:
             nonlocal due
             if time.monotonic() >= due:
+                number = time.time_ns() // 1_000_000
                 request = OrderRequest(stamp_ns=time.monotonic_ns(), source="proof", number=number, order=order)
                 self.link.publish(self.link.keys.order, request, "order")
-                due = time.monotonic() + 0.2
+                due = time.monotonic() + 2.0
             return done()
 
         self.until(obeyed, order)
