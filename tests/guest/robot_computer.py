@@ -109,7 +109,17 @@ class RobotComputer:
         command += [f"--bind-ro={self.key}.pub:/etc/ssh/robot_key.pub", "--bind=/dev/pts:/run/station-pts"]
         with self.console.open("wb") as console:
             self._process = subprocess.Popen(
-                ["setpriv", "--pdeathsig", "KILL", *command],
+                [
+                    "setpriv",
+                    "--pdeathsig",
+                    "KILL",
+                    "unshare",
+                    "--pid",
+                    "--fork",
+                    "--kill-child",
+                    "--mount-proc",
+                    *command,
+                ],
                 stdin=subprocess.DEVNULL,
                 stdout=console,
                 stderr=subprocess.STDOUT,
@@ -137,11 +147,16 @@ class RobotComputer:
     def leader(self) -> int | None:
         """Process id of the container's init, seen from here."""
         assert self._process is not None
-        try:
-            text = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children").read_text()
-        except OSError:
-            return None
-        return int(text.split()[0]) if text.split() else None
+        number = self._process.pid
+        for _ in range(2):  # the container's manager, then its init
+            try:
+                children = Path(f"/proc/{number}/task/{number}/children").read_text().split()
+            except OSError:
+                return None
+            if not children:
+                return None
+            number = int(children[0])
+        return number
 
     def shell(self, script: str, check: bool = True) -> str:
         """Output of a script run as root over ssh."""

@@ -8,7 +8,7 @@ if [ ! -e "$env/complete" ]; then
   echo "$PIP_SHA256  $wheels/$PIP" | sha256sum -c --status - || { echo "$PIP: hash differs, refused" >&2; exit 3; }
   "$env/bin/python" "$wheels/$PIP/pip" install --quiet --isolated --no-input --no-cache-dir --disable-pip-version-check \
     --root-user-action ignore --no-index --find-links "$wheels" --require-hashes --only-binary :all: --no-deps -r "$env/requirements.txt" \
-    || { code=$?; rm -rf "$env"; exit $code; }
+    || { code=$?; rm -rf "$env"; echo "a wheel is missing or its hash differs: refused" >&2; exit $code; }
   touch "$env/complete"
 fi
 ln -sfn "../../envs/$ENVIRONMENT" "$release/env"
