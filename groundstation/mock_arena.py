@@ -94,12 +94,11 @@ class MockArena:
             if frame_due or (device_ns is not None and now_ns >= device_ns):
                 self._wheels.roll(now_ns)
             if frame_due:
-                sent_ns = time.monotonic_ns()
                 self._listen()
                 if ("udp", "dropped") in self._faults:
-                    self._server.stream(now_ns, self._poses(), sent_ns)
+                    self._server.stream(now_ns, self._poses(), time.monotonic_ns)
                 else:
-                    shell.stream(now_ns, self._poses(), sent_ns)
+                    shell.stream(now_ns, self._poses(), time.monotonic_ns)
             self._wheels.deliver()
             if now_ns >= self._batch_due_ns:
                 self._batch_due_ns = now_ns + BATCH_NS

@@ -8,7 +8,7 @@ own, and only in unicast, is honoured; an unknown command is answered with UNREC
 import heapq
 import random
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from mocap_bridge.mock.bodies import MARKERS, BodyState, Camera, ServerSettings
@@ -184,8 +184,11 @@ class EmulatedServer:
 
     # --- frames --------------------------------------------------------------------------------
 
-    def stream(self, now_ns: int, poses: Iterable[BodyState], sent_ns: int = 0) -> list[Outgoing]:
+    def stream(self, now_ns: int, poses: Iterable[BodyState], clock: Callable[[], int] | None = None) -> list[Outgoing]:
         """What is due at ``now_ns``: at most one new frame, of ``poses`` as they are at ``now_ns``.
+
+        ``clock`` tells the time, ns, once the frame is all but encoded: its transmit stamp, if later than
+        the configured latency makes it.
 
         Due times are multiples of the period from the first call, so the rate does not drift; a call
         that comes more than a period late leaves out the frames it missed, and their numbers.
@@ -200,7 +203,7 @@ class EmulatedServer:
             self.counters["frames_missed"] += missed
             self._number += missed
             if not self._down:
-                self._send(self._frames(now_ns, elapsed_s, poses, sent_ns), now_ns, elapsed_s)
+                self._send(self._frames(now_ns, elapsed_s, poses, clock), now_ns, elapsed_s)
             self._number += 1
             self._frame_due_ns += (missed + 1) * period_ns
         out: list[Outgoing] = []
@@ -230,7 +233,9 @@ class EmulatedServer:
                 self.counters["client_timeout"] += 1
         return [(address, client.layout) for address, client in self._clients.items()]
 
-    def _frames(self, now_ns: int, elapsed_s: float, poses: Iterable[BodyState], sent_ns: int) -> list[Outgoing]:
+    def _frames(
+        self, now_ns: int, elapsed_s: float, poses: Iterable[BodyState], clock: Callable[[], int] | None
+    ) -> list[Outgoing]:
         receivers = self._receivers(now_ns)
         if not receivers:
             return []
@@ -252,12 +257,17 @@ class EmulatedServer:
             timestamp_s=(now_ns - self._born_ns) * 1e-9,
             exposure_ticks=self.ticks(now_ns),
             received_ticks=self.ticks(now_ns + latency_ns // 2),
-            transmit_ticks=self.ticks(max(now_ns + latency_ns, sent_ns)),
             precision=(now_ns // 1_000_000_000 & 0xFFFFFFFF, now_ns % 1_000_000_000),
             params=(MODELS_CHANGED if changed else 0) | (EDIT_MODE if script.active("edit_mode", elapsed_s) else 0),
             latency_s=latency_ns * 1e-9,
         )
-        encoded = {layout: encode_frame(content, layout) for layout in {layout for _, layout in receivers}}
+
+        def transmit_ticks() -> int:
+            return self.ticks(max(now_ns + latency_ns, clock() if clock is not None else 0))
+
+        encoded = {
+            layout: encode_frame(content, layout, transmit_ticks) for layout in {layout for _, layout in receivers}
+        }
         return [Outgoing(True, address, encoded[layout]) for address, layout in receivers]
 
     def _send(self, frames: list[Outgoing], now_ns: int, elapsed_s: float) -> None:

@@ -132,7 +132,9 @@ class TapeServer:
         """The recorded server's clock, as if its fastest frame had taken no time."""
         return max(now_ns - self._offset_ns, 0) * self._recorded.info.tick_hz // 1_000_000_000
 
-    def stream(self, now_ns: int, poses: Iterable[BodyState] = (), sent_ns: int = 0) -> list[Outgoing]:
+    def stream(
+        self, now_ns: int, poses: Iterable[BodyState] = (), clock: Callable[[], int] | None = None
+    ) -> list[Outgoing]:
         """Recorded frames due by ``now_ns``; the other arguments are those of a server with bodies of its own."""
         if self._shift_ns is None and self._next is not None:
             self._shift_ns = now_ns + LEAD_NS - self._next.stamp_ns

@@ -62,9 +62,9 @@ class ServerShell:
         """When :meth:`stream` has something to send again."""
         return self.server.next_due_ns
 
-    def stream(self, now_ns: int, poses: Iterable[BodyState], sent_ns: int = 0) -> None:
-        """Send what is due; ``poses`` hold at ``now_ns``, the datagram leaves at ``sent_ns`` if that is later."""
-        self._send(self.server.stream(now_ns, poses, sent_ns))
+    def stream(self, now_ns: int, poses: Iterable[BodyState], clock: Callable[[], int] | None = None) -> None:
+        """Send what is due; ``poses`` hold at ``now_ns``, a datagram is stamped by ``clock`` as it leaves."""
+        self._send(self.server.stream(now_ns, poses, clock))
 
     def _send(self, datagrams: list[Outgoing]) -> None:
         for datagram in datagrams:

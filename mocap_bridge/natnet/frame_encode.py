@@ -1,7 +1,7 @@
 """Encode a frame of motion-capture data with every section, for the emulated server and the tests."""
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -56,8 +56,11 @@ class Content(NamedTuple):
 _BODY = struct.Struct("<i8fh")
 
 
-def encode_frame(content: Content, layout: Layout) -> bytes:
-    """A FRAME datagram."""
+def encode_frame(content: Content, layout: Layout, transmit_ticks: Callable[[], int] | None = None) -> bytes:
+    """A FRAME datagram.
+
+    :param transmit_ticks: asked when all else is encoded, as a server stamps what it is about to send.
+    """
     sections = [
         _section(layout, len(content.marker_sets), b"".join(_marker_set(*entry) for entry in content.marker_sets)),
         _section(layout, len(content.unlabeled), _points(content.unlabeled)),
@@ -71,7 +74,10 @@ def encode_frame(content: Content, layout: Layout) -> bytes:
         sections.append(_section(layout, len(content.force_plates), b"".join(map(_channels, content.force_plates))))
     if layout.devices:
         sections.append(_section(layout, len(content.devices), b"".join(map(_channels, content.devices))))
-    payload = struct.pack("<i", content.number) + b"".join(sections) + _suffix(content, layout)
+    head = struct.pack("<i", content.number) + b"".join(sections)
+    if transmit_ticks is not None:
+        content = content._replace(transmit_ticks=transmit_ticks())
+    payload = head + _suffix(content, layout)
     return packet(MessageId.FRAME, payload)
 
 
