@@ -20,7 +20,7 @@ from typing import Any
 import zenoh
 
 from contract import network
-from groundstation.rig import REALTIME_NICENESS
+from groundstation.rig import HARDWARE_NICENESS, REALTIME_NICENESS
 from mocap_bridge.network import open_session, publisher
 
 DATAGRAM_BYTES = 900
@@ -103,9 +103,9 @@ def hardware(port: int, rate_hz: float, folder: Path, count: int) -> None:
 
 
 if __name__ == "__main__":
-    with contextlib.suppress(OSError):
-        os.nice(REALTIME_NICENESS)
     role, *words = sys.argv[1:]
+    with contextlib.suppress(OSError):
+        os.nice(HARDWARE_NICENESS if role == "hardware" else REALTIME_NICENESS)
     if role == "bridge":
         bridge(words[0], int(words[1]))
     elif role == "agent":

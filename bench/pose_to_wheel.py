@@ -15,11 +15,11 @@ import tempfile
 import time
 from bisect import bisect_left
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from contract.messages import Message, MocapFrame, MotorBatch, StepBatch
+from contract.messages import Message, MocapFrame, MotorBatch, RobotStep, StepBatch
 from groundstation import rig
 from groundstation.conduct import Conductor, new_session
 from groundstation.link import Link
@@ -29,34 +29,49 @@ from groundstation.targets import cloud_of
 
 BLOCK_S = 1.0
 SETTLE_S = 0.4
+STAGES = ("bridge", "network", "step_and_write", "bus_and_decode")
 BARE = Path(__file__).with_name("bare_chain.py")
 
 
+class Passage(NamedTuple):
+    """One frame's way to one robot's wheels: site time, ns, at every station."""
+
+    sent_ns: int
+    published_ns: int
+    """The bridge has put it."""
+    woken_ns: int
+    """The robot's loop has it."""
+    written_ns: int
+    decoded_ns: int
+    """The emulated motor has the command."""
+
+
 class Full:
-    """Latencies of the whole chain, from what the swarm says."""
+    """Passages through the whole chain, from what the swarm says."""
 
     def __init__(self) -> None:
-        self._sent: dict[int, int] = {}
-        self._steps: list[tuple[str, int, int]] = []
+        self._frames: dict[int, MocapFrame] = {}
+        self._steps: list[RobotStep] = []
         self._decoded: dict[str, list[int]] = {}
 
     def receive(self, message: Message) -> None:
         if isinstance(message, MocapFrame):
-            self._sent[message.frame] = message.transmit_ns
+            self._frames[message.frame] = message
         elif isinstance(message, StepBatch):
-            self._steps += [(step.robot, step.frame, step.step_ns) for step in message.steps]
+            self._steps += message.steps
         elif isinstance(message, MotorBatch):
             self._decoded.setdefault(message.robot, []).extend(sample.stamp_ns for sample in message.samples)
 
-    def latencies(self, first_ns: int, last_ns: int) -> list[int]:
+    def passages(self, first_ns: int, last_ns: int) -> list[Passage]:
         """Of the frames sent within the block."""
         found = []
-        for robot, frame, step_ns in self._steps:
-            sent_ns = self._sent.get(frame, 0)
-            decoded = self._decoded.get(robot, [])
-            place = bisect_left(decoded, step_ns)
-            if first_ns <= sent_ns <= last_ns and place < len(decoded):
-                found.append(decoded[place] - sent_ns)
+        for step in self._steps:
+            frame = self._frames.get(step.frame)
+            decoded = self._decoded.get(step.robot, [])
+            place = bisect_left(decoded, step.step_ns)
+            if frame is not None and first_ns <= frame.transmit_ns <= last_ns and place < len(decoded):
+                times = (frame.transmit_ns, frame.publish_ns, step.step_ns, step.write_ns, decoded[place])
+                found.append(Passage(*times))
         return found
 
 
@@ -101,8 +116,11 @@ def pipe(stream: IO[str] | None) -> IO[str]:
     return stream
 
 
-def measure(robots: int, blocks: int) -> list[tuple[list[int], list[int]]]:
-    """(full, bare) latencies in ns, one pair a block."""
+Block = tuple[list[Passage], list[int]]
+"""Of the whole chain; latencies of the bare one, ns."""
+
+
+def measure(robots: int, blocks: int) -> list[Block]:
     with tempfile.TemporaryDirectory() as folder:
         out, ptys = Path(folder) / "run", Path(folder) / "bare"
         ptys.mkdir()
@@ -126,7 +144,7 @@ def measure(robots: int, blocks: int) -> list[tuple[list[int], list[int]]]:
             bare.end()
 
 
-def block(conductor: Conductor, ear: Link, bare: Bare, faults: Path) -> tuple[list[int], list[int]]:
+def block(conductor: Conductor, ear: Link, bare: Bare, faults: Path) -> Block:
     full = Full()
     faults.write_text("")
     turn(conductor, SETTLE_S)
@@ -141,7 +159,7 @@ def block(conductor: Conductor, ear: Link, bare: Bare, faults: Path) -> tuple[li
     turn(conductor, SETTLE_S)
     bare.tell("on")
     turn(conductor, BLOCK_S)
-    return full.latencies(first_ns, last_ns), bare.latencies()
+    return full.passages(first_ns, last_ns), bare.latencies()
 
 
 def turn(conductor: Conductor, seconds: float) -> None:
@@ -150,9 +168,11 @@ def turn(conductor: Conductor, seconds: float) -> None:
         conductor.turn()
 
 
-def judge(pairs: list[tuple[list[int], list[int]]]) -> dict[str, Any]:
-    """Pooled percentiles in us, and the medians over blocks of the ratios of percentiles."""
-    full, bare = (sorted(value / 1e3 for pair in pairs for value in pair[side]) for side in (0, 1))
+def judge(blocks: list[Block]) -> dict[str, Any]:
+    """Pooled percentiles in us, the medians over blocks of the ratios of percentiles, and where the time goes."""
+    pairs = [([way.decoded_ns - way.sent_ns for way in passages], bare) for passages, bare in blocks]
+    full, bare = ([value / 1e3 for pair in pairs for value in pair[side]] for side in (0, 1))
+    ways = np.diff(np.array([way for passages, _ in blocks for way in passages]), axis=1) / 1e3
 
     def spread(values: list[float]) -> dict[str, float]:
         return {name: round(float(np.percentile(values, q)), 1) for name, q in (("p50", 50), ("p99", 99), ("max", 100))}
@@ -163,6 +183,7 @@ def judge(pairs: list[tuple[list[int], list[int]]]) -> dict[str, Any]:
 
     return {
         "full_us": spread(full),
+        "stages_p50_us": dict(zip(STAGES, np.median(ways, axis=0).round(1).tolist(), strict=True)),
         "bare_us": spread(bare),
         "paired_p50": paired(50),
         "paired_p99": paired(99),

@@ -25,6 +25,9 @@ GRID_M = 0.4
 MOST_ROBOTS = 100
 REALTIME_NICENESS = -10
 """Where the kernel allows it: on a busy machine a robot starved for 0.2 s is cut by its device watchdog."""
+HARDWARE_NICENESS = -15
+"""Motors and cameras do not wait for a robot's computer."""
+NICENESS = {"recorder": 0, "mock_arena": HARDWARE_NICENESS}
 
 ENDS = {"recorder": 1, "bridge": 2}
 """The recorder hears the robots' last words; the bridge holds the router."""
@@ -201,6 +204,6 @@ class Rig:
     def _child(self, name: str, module: str, *arguments: str) -> Child:
         verb, rest = list(arguments[:1]), list(arguments[1:])
         command = [*verb, "--arena", str(self.config), *rest]
-        niceness = 0 if name == "recorder" else REALTIME_NICENESS
+        niceness = NICENESS.get(name, REALTIME_NICENESS)
         log = self.out / "logs" / f"{name}.log"
         return self.family.start(name, module, command, log, niceness, ENDS.get(name, 0))

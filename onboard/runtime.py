@@ -1,7 +1,7 @@
 """The loop around the agent: one thread, one ``poll``; Zenoh, the clock and the wheel driver.
 
 Order of work: decode, control step, bus write; feedback, telemetry requests and publishing follow
-two milliseconds later, so that one robot's housekeeping never delays another robot's command on a
+some milliseconds later, so that one robot's housekeeping never delays another robot's command on a
 shared computer. With nothing arriving the same poll ticks the agent at 50 Hz or more. Only poses and
 orders wake the loop: neighbours' states and wheel feedback are of use to the next control step alone.
 """
@@ -11,7 +11,6 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
@@ -33,7 +32,9 @@ from onboard.journal import JournalledAgent
 from onboard.service import Service, lock_memory, quiet
 
 TICK_NS = 18_000_000
-HOUSEKEEPING_NS = 2_000_000
+HOUSEKEEPING_NS = 4_000_000
+HOUSEKEEPING_SHARE = 0.4
+"""Of the control period, at most: what is read and told must be there before the next frame."""
 LOG_EVERY_NS = 1_000_000_000
 COUNT_EVERY_NS = 100_000_000
 
@@ -101,8 +102,9 @@ class Runtime:
         self._inbox.wake()
 
     def _join(self, session: Any, zenoh: Any) -> None:
-        def store(key: str) -> Callable[[Any], None]:
-            return lambda sample: put(key, sample.payload.to_bytes())
+        def store(key: str) -> Any:
+            """Called by Zenoh's network thread itself: all it does is to lay the bytes down."""
+            return zenoh.handlers.Callback(lambda sample: put(key, sample.payload.to_bytes()), indirect=False)
 
         put, remote = self._inbox.put, zenoh.Locality.REMOTE
         for key in self._urgency:
@@ -126,6 +128,7 @@ class Runtime:
         self._poll.register(self._inbox.fileno(), select.POLLIN)
         ran_ns = 0
         housekeeping_ns = 0
+        pause_ns = min(HOUSEKEEPING_NS, int(HOUSEKEEPING_SHARE * self._arena.control.control_period_s * 1e9))
         while not self._stopping:
             now_ns = time.monotonic_ns()
             wake_ns = ran_ns + TICK_NS
@@ -140,7 +143,7 @@ class Runtime:
                 drive = self._agent.step(now_ns) if due else self._agent.tick(now_ns)
                 ran_ns = now_ns
                 self._apply(drive, due)
-                housekeeping_ns = housekeeping_ns or now_ns + HOUSEKEEPING_NS
+                housekeeping_ns = housekeeping_ns or now_ns + pause_ns
             if housekeeping_ns and now_ns >= housekeeping_ns:
                 housekeeping_ns = 0
                 self._keep_house(now_ns)
