@@ -1,6 +1,7 @@
 """Motion capture, station and recorder in a few words each. Pure."""
 
 from contract.messages import LogEntry, MocapHealth
+from groundstation.mocap_words import figures, short
 from groundstation.page_reasons import SILENT_S
 
 RECORDER_SILENT_S = 15.0
@@ -13,7 +14,7 @@ def health(
     if mocap is None or not 0 <= frame_age_s <= SILENT_S:
         parts = [("Mocap no frames", "warning")]
     else:
-        words = f"Mocap {mocap.rate_hz:.0f} Hz" + ("" if mocap.state == "ok" else f", {mocap.state}")
+        words = ", ".join(filter(None, (f"Mocap {figures(mocap)}", short(mocap))))
         parts = [(words, "info" if mocap.state == "ok" else "warning")]
     parts.append(("Station ok", "info") if station else ("Station silent", "warning"))
     if recorder is None or recorder_age_s > RECORDER_SILENT_S:

@@ -11,6 +11,7 @@ from contract.exposure import exposure
 from contract.messages import LogEntry, Message, MocapHealth, RobotReport, RunStatus
 from groundstation.current import arena_of
 from groundstation.link import Link, LinkError
+from groundstation.mocap_words import bodies, figures
 from groundstation.scenes import clock
 
 if TYPE_CHECKING:
@@ -112,8 +113,10 @@ class Watch:
         mocap, recorder = self.mocap, self.recorder
         poses = "mocap: nothing heard"
         if mocap is not None:
-            poses = f"mocap {mocap.state}, {mocap.rate_hz:.0f} Hz, {mocap.latency_ms:.1f} ms"
+            poses = f"mocap {mocap.state}, {figures(mocap)}"
             poses += f": {mocap.detail}" if mocap.detail else ""
+            hidden = bodies(mocap)
+            poses += f"; {hidden}" if hidden else ""
         return f"{poses}   recorder: {recorder.text if recorder else 'nothing heard'}"
 
 
