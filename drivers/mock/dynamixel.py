@@ -185,6 +185,11 @@ class EmulatedDynamixel:
             return b""
         if instruction == 0x82:
             return self._sync_read(parameters)
+        if instruction == 0x92:
+            return self._bulk_read(parameters)
+        if instruction == 0x93:
+            self._bulk_write(parameters, now_ns)
+            return b""
         output = b""
         for servo in addressed:
             output += self._single(servo, instruction, parameters, now_ns, answer=device != 0xFE or instruction == 1)
@@ -223,6 +228,24 @@ class EmulatedDynamixel:
             for device in parameters[4:]
             if device in known
         )
+
+    def _bulk_read(self, parameters: bytes) -> bytes:
+        known = {servo.device: servo for servo in self.servos}
+        output = b""
+        for start in range(0, len(parameters) - 4, 5):
+            device, address, length = struct.unpack_from("<BHH", parameters, start)
+            if device in known:
+                output += self._status(known[device], 0, bytes(known[device].table[address : address + length]))
+        return output
+
+    def _bulk_write(self, parameters: bytes, now_ns: int) -> None:
+        """Each device its own registers: like a sync write of one device after the other."""
+        start = 0
+        while start + 5 <= len(parameters):
+            device, address, length = struct.unpack_from("<BHH", parameters, start)
+            data = parameters[start + 5 : start + 5 + length]
+            self._sync_write(struct.pack("<HH", address, length) + bytes((device,)) + data, now_ns)
+            start += 5 + length
 
     def _sync_write(self, parameters: bytes, now_ns: int) -> None:
         if len(parameters) < 4:

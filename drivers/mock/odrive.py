@@ -23,6 +23,17 @@ INVALID_STATE = 0x1
 UNDER_VOLTAGE = {"0.5": 0, "0.6": 0x200}
 
 
+VERSION = bytes((2, 4, 4, 58, 0, 6, 10, 0))
+"""0.6 only: protocol, hardware major, minor, variant, firmware major, minor, revision, unreleased."""
+POLLED = {
+    "0.5": (0x01, 0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1C, 0x1D),
+    "0.6": (0x00, 0x01, 0x03, 0x09, 0x14, 0x15, 0x17, 0x1C, 0x1D),
+}
+"""What each firmware answers, as ODrive's DBC files of 0.5.6 and 0.6.10 have it."""
+TAKEN = (0x0C, 0x0E, 0x11, 0x12, 0x13, 0x19, 0x1A, 0x1B)
+"""Other set points, trajectory limits and gains: taken, of no effect here."""
+
+
 class AxisSettings(NamedTuple):
     """What a user sets over USB. A period of 0 switches the message off."""
 
@@ -88,8 +99,14 @@ class Axis:
             data = struct.pack("<IB", self.error, self.state) + tail
         elif command == 0x09:
             data = struct.pack("<ff", self.shaft.turns, self.shaft.turns_per_s)
-        elif command == 0x14:
-            data = struct.pack("<ff", 0.0, 0.0)
+        elif command == 0x00:
+            data = VERSION
+        elif command == 0x0A:
+            data = struct.pack("<ii", round(self.shaft.turns * 8192), round(self.shaft.turns * 8192) % 8192)
+        elif command == 0x15 and self.dialect == "0.6":
+            data = struct.pack("<ff", 30.0, 30.0)
+        elif command in (0x14, 0x15, 0x1C, 0x1D):
+            data = bytes(8)
         elif command == 0x17:
             data = struct.pack("<ff", self.settings.bus_volts, 0.1)
         else:
@@ -175,9 +192,7 @@ class EmulatedOdrive:
         if axis.dialect == "0.5":
             axis.fed_ns = now_ns
         polled = frame.remote or (axis.dialect == "0.5" and not frame.data)
-        if frame.remote and command == 0x00 and axis.dialect == "0.6":
-            return [CanFrame(node * 32, bytes((2, 4, 4, 58, 0, 6, 10, 0)))]
-        if polled and command in (0x01, 0x03, 0x04, 0x09, 0x14, 0x17):
+        if polled and command in POLLED[axis.dialect]:
             return [axis.message(command)]
         if frame.remote:
             self.counters["unknown_poll"] += 1
@@ -192,6 +207,9 @@ class EmulatedOdrive:
             axis.disarm(ESTOP_ERROR[axis.dialect])
         elif command == 0x18:
             axis.error = 0
+        elif command == 0x16:
+            axis.disarm()
+            axis.error = 0
         elif len(data) < 8:
             return "short_frame"
         elif command == 0x07:
@@ -200,7 +218,12 @@ class EmulatedOdrive:
             axis.control_mode, axis.input_mode = struct.unpack("<II", data)
         elif command == 0x0D:
             return self._setpoint(axis, struct.unpack("<f", data[:4])[0], now_ns)
-        elif command not in (0x0C, 0x0E, 0x0F):
+        elif command == 0x0F:
+            (limit,) = struct.unpack("<f", data[:4])
+            if not math.isfinite(limit):
+                return "nonfinite_limit"
+            axis.settings = axis.settings._replace(velocity_limit=abs(limit))
+        elif command not in TAKEN:
             return "unknown_frame"
         return ""
 

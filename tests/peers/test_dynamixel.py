@@ -56,6 +56,18 @@ def test_the_makers_sdk(link: str) -> None:
     assert reader.getData(1, 128, 4) == pytest.approx(200, abs=1)
     assert reader.getData(1, 132, 4) > 0
     assert reader.getData(2, 128, 4) == 0
+    bulk = sdk.GroupBulkRead(port, peer)
+    assert bulk.addParam(1, 144, 2)
+    assert bulk.addParam(2, 146, 1)
+    assert bulk.txRxPacket() == 0
+    assert (bulk.getData(1, 144, 2), bulk.getData(2, 146, 1)) == (50, 30)
+    bulk_writer = sdk.GroupBulkWrite(port, peer)
+    assert bulk_writer.addParam(1, 104, 4, list((100).to_bytes(4, "little")))
+    assert bulk_writer.addParam(2, 64, 1, [1])
+    assert bulk_writer.txPacket() == 0
+    assert peer.read4ByteTxRx(port, 1, 104) == (100, 0, 0)
+    assert peer.read1ByteTxRx(port, 2, 64) == (1, 0, 0)
+    assert peer.factoryReset(port, 1, 0xFF)[1] == 2, "refused by name, not obeyed"
     writer = sdk.GroupSyncWrite(port, peer, 104, 4)
     assert writer.addParam(1, list((-1 & 0xFFFFFFFF).to_bytes(4, "little")))
     assert writer.txPacket() == 0
@@ -144,7 +156,7 @@ def test_a_stuffed_reply_is_read_alike_by_the_makers_sdk_and_by_us(position: int
     (status,) = codec.PacketReader().feed(raw)
     data, result, error = sdk.PacketHandler(2.0).readTxRx(Memory(device), 1, 128, 8)
     assert (result, error) == (0, 0)
-    assert bytes(data) == status.data == struct.pack("<ii", -1, position)
+    assert bytes(data) == status[2] == struct.pack("<ii", -1, position)
 
 
 def said_by_rustypot(speak: Callable[[rustypot.Xl330PyController], object]) -> bytes:
