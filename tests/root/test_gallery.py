@@ -19,6 +19,7 @@ SHOTS = os.environ.get("AHDC_SHOTS", "")
 SIZES = {"desk": (1600, 1000), "tablet": (1180, 820)}
 STOP_HIGH = {"desk": 116, "tablet": 112}
 LEAST_TOUCH_PX = 48
+PATIENCE_MS = 100_000
 WORDS = {
     "a": "DISARMED", "a-armed": "ARMED", "b-running": "RUNNING", "b-holding": "HOLDING", "b-completed": "COMPLETED",
     "b-homing": "HOMING", "c": "RUNNING", "c-station-gone": "NO STATION", "c-router-gone": "NO STATION",
@@ -90,6 +91,7 @@ def tab(request: pytest.FixtureRequest, browser: Browser, served: Served) -> Ite
     )
     opened = Tab(request.param, context.new_page(), [])
     opened.page.on("pageerror", lambda error: opened.faults.append(str(error)))
+    opened.page.set_default_timeout(PATIENCE_MS)
     opened.page.goto(served.url)
     opened.page.wait_for_function("document.fonts.ready.then(() => true)")
     yield opened
