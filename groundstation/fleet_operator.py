@@ -58,7 +58,7 @@ class Operator:
 
     def again(self) -> None:
         """The same targets as a new mission, from where the robots are; its recording gets a folder of its own."""
-        self.phase("waiting", "ready")
+        self.phase("waiting", "ready", "completed")
         if self.site.order("repeat"):
             raise FleetError(f"no new mission: {self.words}")
         self.begin()
