@@ -131,30 +131,29 @@ def measure(robots: int, blocks: int) -> list[Block]:
         try:
             with rig.Rig(arena, out, record=False) as processes:
                 processes.start()
-                with Link(arena, "station") as link, Link(arena, "bench") as ear:
-                    for name in arena.robots:
-                        ear.subscribe([ear.keys.steps(name), ear.keys.motor(name)])
-                    ear.subscribe([ear.keys.mocap_frame])
+                with Link(arena, "station") as link:
+                    link.subscribe(
+                        key for name in arena.robots for key in (link.keys.steps(name), link.keys.motor(name))
+                    )
                     session = new_session(arena, cloud, Plan(automatic=True))
                     conductor = Conductor(arena, session, cloud, link)
                     if not conductor.until(lambda: session.phase == "running", 30.0):
                         raise RuntimeError(f"the robots do not start: {session.detail}")
-                    return [block(conductor, ear, bare, out / FAULTS_FILE) for _ in range(blocks)]
+                    return [block(conductor, bare, out / FAULTS_FILE) for _ in range(blocks)]
         finally:
             bare.end()
 
 
-def block(conductor: Conductor, ear: Link, bare: Bare, faults: Path) -> Block:
+def block(conductor: Conductor, bare: Bare, faults: Path) -> Block:
     full = Full()
     faults.write_text("")
     turn(conductor, SETTLE_S)
-    ear.drain()
+    conductor.listener = lambda message, _: full.receive(message)
     first_ns = time.monotonic_ns()
     turn(conductor, BLOCK_S)
     last_ns = time.monotonic_ns()
     turn(conductor, SETTLE_S)
-    for _, message in ear.drain():
-        full.receive(message)
+    conductor.listener = None
     faults.write_text("udp dropped\n")
     turn(conductor, SETTLE_S)
     bare.tell("on")
