@@ -1,59 +1,16 @@
 """Why no poses arrive, or wrong ones: evidence of a few seconds in, named causes and remedies out. Pure."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
 
 from contract.arena import Arena
 from contract.checks import CheckResult, Verdict
 from mocap_bridge.checks import TILT_COS
+from mocap_bridge.evidence import Evidence
 from mocap_bridge.health import CLOCK_WARN_MS, RATE_TOLERANCE
 from mocap_bridge.natnet.frame import TRACKING_VALID, Body
-from mocap_bridge.natnet.handshake import ServerInfo
 
 HEIGHT_SPREAD_M = 0.5
 """Bodies on a floor do not differ more in height."""
-
-Neighbour = Literal["unknown", "present", "absent"]
-
-
-class Evidence(NamedTuple):
-    """What was seen while asking for poses."""
-
-    route_address: str
-    """This machine's address on the way to the server, as the kernel chooses it; empty: no way."""
-    same_subnet: bool = True
-    """Whether an interface of this machine is in the server's subnet."""
-    neighbour: Neighbour = "unknown"
-    """Whether the server's host answers at all, told by ARP."""
-    early_frames: int = 0
-    """Frames that came from the server though it answered nothing."""
-    refused_ports: int = 0
-    """Times the server's host said that nobody listens on the command port."""
-    info: ServerInfo | None = None
-    problem: str = ""
-    """The client's own words, such as an unsupported version."""
-    seconds: float = 0.0
-    """Time since the server answered."""
-    frames: int = 0
-    malformed: int = 0
-    last_fault: str = ""
-    other_bitstream: int = 0
-    foreign_senders: tuple[str, ...] = ()
-    """Addresses that sent datagrams but are not the server."""
-    elsewhere: tuple[str, ...] = ()
-    """Local addresses of other interfaces on which the server's multicast frames do arrive."""
-    names: frozenset[str] = frozenset()
-    duplicate_names: frozenset[str] = frozenset()
-    duplicate_ids: frozenset[str] = frozenset()
-    bodies: Mapping[str, Sequence[Body]] = {}
-    """Samples of each body, in the source's axes."""
-    units_to_millimetres: float = 1000.0
-    rate_hz: float = 0.0
-    nominal_rate_hz: float = 0.0
-    clock_error_ms: float | None = None
-    """None: no echo was answered."""
-    edited: bool = False
 
 
 def diagnose(seen: Evidence, arena: Arena) -> list[CheckResult]:

@@ -5,8 +5,9 @@ from collections import deque
 from typing import Literal
 
 from contract.messages import BodyHealth, MocapHealth
-from mocap_bridge.checks import REASONS, Track
+from mocap_bridge.checks import REASONS
 from mocap_bridge.sources.base import STEADY, SourceFrame, SourceStatus
+from mocap_bridge.track import Track
 
 WINDOW_NS = 1_000_000_000
 DEGRADED_PERIODS = 3.0

@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from mocap_bridge.diagnosis import Neighbour
+from mocap_bridge.evidence import Neighbour
 
 _SIOCGIFADDR, _SIOCGIFNETMASK = 0x8915, 0x891B
 _COMPLETE = 0x02

@@ -15,7 +15,8 @@ import msgspec
 
 from contract.arena import Arena, ArenaError, load
 from contract.checks import CheckResult, worst
-from mocap_bridge.diagnosis import Evidence, diagnose
+from mocap_bridge.diagnosis import diagnose
+from mocap_bridge.evidence import Evidence
 from mocap_bridge.health import Health
 from mocap_bridge.interfaces import in_a_local_subnet, interfaces, neighbour, route_address
 from mocap_bridge.natnet.frame import Body

@@ -13,7 +13,8 @@ import pytest
 from contract.arena import Arena
 from contract.checks import CheckResult
 from mocap_bridge.cli import main
-from mocap_bridge.diagnosis import Evidence, diagnose
+from mocap_bridge.diagnosis import diagnose
+from mocap_bridge.evidence import Evidence
 from mocap_bridge.interfaces import in_a_local_subnet, neighbour
 from mocap_bridge.mock.bodies import settings_of
 from mocap_bridge.mock.script import parse

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import pytest
 
 from contract.arena import Arena
-from mocap_bridge.checks import Track
 from mocap_bridge.health import Health, _body
 from mocap_bridge.mock.bodies import BodyState, ServerSettings
 from mocap_bridge.mock.server import EmulatedServer
@@ -23,6 +22,7 @@ from mocap_bridge.natnet.version import Version
 from mocap_bridge.natnet.wire import MessageId, packet
 from mocap_bridge.sources.choose import open_natnet
 from mocap_bridge.sources.natnet_receiver import NatNetReceiver
+from mocap_bridge.track import Track
 from tests.mocap_bridge.lockstep import arena
 from tests.mocap_bridge.test_mocap_bridge import on_free_ports
 from tests.mocap_bridge.test_natnet_modeldef import others
