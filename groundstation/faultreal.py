@@ -99,7 +99,7 @@ def _rows() -> tuple[Row, ...]:
 
 _BUS: tuple[tuple[str, str, Action, float], ...] = (
     ("supply of the motors cut", "off", "FAULT", 2.3),
-    ("wheels jammed", "stuck", "FAULT", 1.3),
+    ("wheels jammed", "stuck", "FAULT", 2.0),
     ("encoders count backwards", "wrong", "FAULT", 1.3),
     ("no bytes either way", "dropped", "CUT", 0.38),
     ("one bit in 8 bytes", "corrupted", "CUT", 0.6),

@@ -204,7 +204,7 @@ def _rows() -> tuple[Row, ...]:
     driver_s = 0.25 + TURN_S
     bus: tuple[tuple[str, FaultKind, Action, float, tuple[Direction, ...], tuple[str, ...]], ...] = (
         ("supply of the motors cut", "off", "FAULT", 2.3, (), ()),
-        ("wheels jammed", "stuck", "FAULT", 1.3, (), ()),
+        ("wheels jammed", "stuck", "FAULT", 2.0, (), ()),
         ("encoders count backwards", "wrong", "FAULT", 1.3, (), ()),
         ("no bytes either way", "dropped", "CUT", driver_s + 0.1, (), ()),
         ("commands lost", "dropped", "CUT", cut_s + 0.2, ("commands",), ()),
@@ -279,7 +279,15 @@ def _rows() -> tuple[Row, ...]:
         Row("process", "killed and restarted", "CUT", _restart, cut_s, leaves="disarmed"),
         Row("clock", "robot's steps 0.3 s ahead", "HOLD", _clock(0.3), TURN_S, ("pose_stale",)),
         Row("clock", "robot's steps 0.15 s back", "HOLD", _clock(-0.15), AGE_S + TURN_S, ("pose_ahead",)),
-        Row("clock", "robot's steps 10 s ahead", "FAULT", _clock(10.0), TURN_S, ("driver_fault",)),
+        Row(
+            "clock",
+            "robot's steps 10 s ahead",
+            "FAULT",
+            _clock(10.0),
+            TURN_S,
+            ("driver_fault", "station_lost"),
+            leaves="fault stopped",
+        ),
         Row("clock", "robot's steps 1 s back", "HOLD", _clock(-1.0), AGE_S + TURN_S, ("pose_ahead",)),
     ]
     return tuple(rows)

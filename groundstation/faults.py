@@ -109,6 +109,17 @@ def connected(world: World, names: Sequence[str]) -> bool:
     return len(inside) == len(names)
 
 
+def _judge_again(kept: Kept) -> None:
+    """By the rows as they are now, not as they were when it was played; rows that have gone are left out."""
+    arena = arena_for(Job(ROBOTS, TARGETS, 1, "field", "field", 60.0))
+    rows = {row.name: row for row in ROWS}
+    kept.outcomes = {
+        key: msgspec.structs.replace(outcome, faults=tuple(judge(row, outcome, allowed_m(row, arena))))
+        for key, outcome in kept.outcomes.items()
+        if (row := rows.get(outcome.row)) is not None
+    }
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", default="", metavar="TEXT", help="only rows whose name contains this text")
     parser.add_argument(
@@ -138,6 +149,7 @@ def run(args: argparse.Namespace) -> int:
         for row, seed in wanted:
             if (row.name, seed) not in kept[False].outcomes:
                 kept[False].add(play(row, seed))
+    _judge_again(kept[False])
     outcomes = list(kept[args.real].outcomes.values())
     if args.json:
         args.json.write_bytes(msgspec.json.format(msgspec.json.encode(outcomes)))
