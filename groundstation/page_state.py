@@ -156,7 +156,7 @@ class PageState(PageMemory):
                 self._cautions[name] = (trouble.title, since_ns)
                 if now_ns - since_ns < CAUTION_AFTER_S * 1e9:
                     continue
-            found[name] = trouble._replace(level="caution") if name in self.excluded else trouble
+            found[name] = _dropped(trouble) if name in self.excluded else trouble
         return found
 
     @property
@@ -217,3 +217,9 @@ class PageState(PageMemory):
             trouble=trouble,
             excluded=name in self.excluded,
         )
+
+
+def _dropped(trouble: Complaint) -> Complaint:
+    """What is wrong with a robot that the operator has taken out: no alarm any more, and how it comes back."""
+    now = "Dropped: it stands still, the others keep no link to it"
+    return trouble._replace(level="caution", now=now, do=f"{trouble.do}. Then rejoin it (J)")

@@ -298,6 +298,8 @@ export class ArenaMap {
       c.fillStyle = color("--red"); c.strokeStyle = color("--surface"); c.lineWidth = 3; drop(); c.stroke(); c.fill(); ink = "#fff";
     } else if (bad) {
       c.fillStyle = color("--surface"); c.strokeStyle = color("--red-text"); c.lineWidth = 3; drop(); c.fill(); c.setLineDash([5, 4]); c.stroke(); c.setLineDash([]); ink = color("--red-text");
+    } else if (robot.out) {
+      c.strokeStyle = color("--surface"); c.lineWidth = 3; drop(); c.stroke(); c.fillStyle = color("--stopped"); c.fill(); ink = color("--on-stopped");
     } else if (hollow) {
       c.fillStyle = color("--surface"); c.strokeStyle = color("--blue"); c.lineWidth = this.many ? 2 : 3.5; drop(); c.fill(); c.stroke(); ink = color("--blue");
     } else {
