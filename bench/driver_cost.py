@@ -6,7 +6,8 @@ A step is what a robot does 100 times a second: both wheel speeds out, telemetry
 Bare: the same bytes by ``pyserial`` (write, write, ``in_waiting``, read), or the same frames by ``python-can``'s
 slcan bus (send each, receive until empty); nothing is decoded or checked. So the serial sides make equally many
 writes and reads of equal bytes: the setpoint, the request, one read of all that came. Both run on ptys whose
-other end is the emulated controller in virtual time, outside the timing. Blocks alternate. ``CPU``: thread time of the step.
+other end is the emulated controller in virtual time, outside the timing. Blocks alternate. ``CPU``: thread
+time of the step.
 ``wire``: from the call to the setpoint's last byte being readable at the other end. Ratios of one run compare.
 """
 
