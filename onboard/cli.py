@@ -47,7 +47,9 @@ def parser() -> argparse.ArgumentParser:
         "--jitter", action="store_true", help="measure how late a loop wakes, with and without each setting"
     )
     doctor.add_argument("--turns", type=int, default=5, metavar="N", help="with --jitter: turns (%(default)s)")
-    doctor.add_argument("--seconds", type=float, default=1.0, metavar="S", help="with --jitter: of each try (%(default)g s)")
+    doctor.add_argument(
+        "--seconds", type=float, default=1.0, metavar="S", help="with --jitter: of each try (%(default)g s)"
+    )
     verbs.add_parser(
         "failsafes",
         allow_abbrev=False,

@@ -107,7 +107,7 @@ def test_ethernet_is_no_can_bus(tmp_path: Path) -> None:
 @given(text=st.text(max_size=30))
 def test_no_content_of_a_file_crashes_it(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     root = tmp_path_factory.mktemp("tree")
-    assert checkup(tree(root, {name: text for name in GOOD}))
+    assert checkup(tree(root, dict.fromkeys(GOOD, text)))
 
 
 def test_an_empty_tree_has_nothing_to_say(tmp_path: Path) -> None:
