@@ -1,4 +1,4 @@
-"""``deploy``: the field kit onto the robots' computers: all at once, checked before and after, taken back on failure."""
+"""``deploy``: the field kit onto the robots' computers: at once, checked before and after, taken back on failure."""
 
 import argparse
 import sys
