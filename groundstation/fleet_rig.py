@@ -4,6 +4,7 @@ Router, station, bridge and motion capture are on a wire, the robots behind :mod
 afresh. ``tcp`` has neither keys nor router process, for comparison. Needs root.
 """
 
+import signal
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
@@ -79,6 +80,16 @@ class FleetRig(rig.Rig):
     def start_router(self) -> Child:
         """The router's process, not waited for."""
         return self._child("router", "groundstation", "router")
+
+    def kill_router(self) -> None:
+        """As if its computer had lost power, and at once start it again."""
+        router = next(child for child in self.family.children if child.name == "router")
+        router.signal(signal.SIGKILL)
+        router.wait(5.0)
+        self.family.children.remove(router)
+        router.close()
+        self.start_router()
+        self.family.wait_ready(rig.READY_S)
 
     def start_station(self) -> Child:
         """The station's session, not waited for; :meth:`order` tells it what to do."""

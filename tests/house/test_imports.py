@@ -69,6 +69,7 @@ SHELLS = (
     "groundstation/emulated.py",
     "groundstation/fleet.py",
     "groundstation/fleet_operator.py",
+    "groundstation/fleet_rig.py",
     "groundstation/link.py",
     "groundstation/mock_arena.py",
     "groundstation/netns.py",

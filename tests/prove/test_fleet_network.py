@@ -5,14 +5,13 @@
 
 import os
 import random
-import signal
 import time
 from pathlib import Path
 
 import pytest
 
 from groundstation import rig, runfolder
-from groundstation.fleet_operator import PATIENCE_S, Operator
+from groundstation.fleet_operator import Operator
 from groundstation.fleet_rig import FleetRig, fleet_arena
 from groundstation.weather import Weather
 
@@ -41,13 +40,7 @@ def disturb(site: FleetRig, dice: random.Random, robots: list[str]) -> None:
     """One robot without radio for a while, or a router that is killed and started again."""
     time.sleep(dice.uniform(1.0, 3.0))
     if dice.random() < 0.25:
-        router = next(child for child in site.family.children if child.name == "router")
-        router.signal(signal.SIGKILL)
-        assert router.wait(5.0)
-        site.family.children.remove(router)
-        router.close()
-        site.start_router()
-        site.family.wait_ready(PATIENCE_S)
+        site.kill_router()
         return
     seconds = dice.choice(CUTS_S)
     site.weather(Weather(loss=0.05, cut=(dice.choice(robots),)))
