@@ -93,7 +93,7 @@ def rules(arena: Arena, common_names: Mapping[str, str]) -> dict[str, Any]:
             {
                 "id": "rate",
                 "flows": ["ingress"],
-                "messages": ["put", "delete"],
+                "messages": ["put"],
                 "rules": [{"key_expr": key, "freq": MOST_HZ} for key in spoken],
             }
         ],
@@ -108,7 +108,7 @@ def _rules_of(name: str, leave: Leave) -> list[dict[str, Any]]:
     if leave.hears:
         found += [
             _rule(f"{name} listens", "ingress", ["declare_subscriber"], leave.hears),
-            _rule(f"{name} hears", "egress", ["put", "delete"], leave.hears),
+            _rule(f"{name} hears", "egress", ["put"], leave.hears),
         ]
     if leave.asks:
         found += [
