@@ -1,114 +1,155 @@
-"""The hops of pose_to_wheel without their work: UDP, Zenoh through a router session, pty. No JSON, law or feedback.
+"""The hops of pose_to_wheel with neither JSON, law nor feedback: what the wire itself costs.
 
-``hardware``  sends datagrams with a time stamp at the frame rate while told ``on``, and reads what arrives on the
-              ptys; on ``off`` it prints the latencies of the block in nanoseconds
-``bridge``    holds the router session; puts every datagram as it is
-``agent``     writes the stamp of every payload to its pty
+The same bytes on the same hops through the same code: NatNet datagrams decoded and checked by the bridge, Zenoh
+through its router, the gate, the drivers and their lines, the emulated hardware in the arena's own process. Between
+them a frame is packed numbers, and every robot turns on the spot whatever it says; what the motors answer is thrown
+away unread.
+
+``bridge``  holds the router session; puts number, transmit stamp and poses of every frame
+``agent``   writes the wheels' speeds at every frame and tells now and then what passed when
 """
 
+import argparse
 import contextlib
-import json
 import os
 import select
-import socket
+import signal
+import struct
 import sys
 import time
-import tty
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import zenoh
 
 from contract import network
-from groundstation.rig import HARDWARE_NICENESS, REALTIME_NICENESS
+from contract.arena import Arena, load
+from contract.codec import encode
+from contract.keys import Keys
+from contract.messages import MocapFrame, RobotStep, StepBatch
+from drivers.base import STANDSTILL, WheelSpeeds
+from drivers.registry import open_robot, wheel_faults
 from mocap_bridge.network import open_session, publisher
+from mocap_bridge.pipeline import Pipeline
+from mocap_bridge.sources.choose import open_source
 
-DATAGRAM_BYTES = 900
-COMMAND_BYTES = 44
-"""Two slcan set_input_vel frames."""
 KEY = "bare/frame"
+HEAD = struct.Struct("<QQ")
+"""Frame number, transmit stamp in ns."""
+POSE = struct.Struct("<ddd?")
+TURNING = WheelSpeeds(-1.0, 1.0)
+TICK_NS = 18_000_000
+HOUSEKEEPING_NS = 4_000_000
+TELL_EVERY = 10
+"""Frames."""
 
 
-def client(endpoint: str) -> zenoh.Session:
-    config = zenoh.Config()
-    for key, value in network.client_config(endpoint):
-        config.insert_json5(key, value)
-    return zenoh.open(config)
+class Ending:
+    """Set by SIGTERM."""
+
+    def __init__(self) -> None:
+        self.now = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._end)
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        self.now = True
 
 
-def bridge(endpoint: str, port: int) -> None:
-    inlet = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    inlet.bind(("127.0.0.1", port))
-    with open_session(endpoint) as opened:
+def packed(frame: MocapFrame) -> bytes:
+    poses = [POSE.pack(body.x_m, body.y_m, body.heading_rad, body.valid) for body in frame.bodies]
+    return HEAD.pack(frame.frame, frame.transmit_ns) + b"".join(poses)
+
+
+def bridge(arena: Arena, ending: Ending) -> None:
+    source = open_source(arena)
+    pipeline = Pipeline(arena, time.monotonic_ns() // 1_000_000)
+    with open_session(arena.link.router) as opened:
         outlet = publisher(opened, KEY, "mocap_frame")
         print("READY bridge", flush=True)
-        while True:
-            outlet.put(inlet.recv(4096))
+        while not ending.now:
+            source.wait(0.02)
+            for frame in source.receive(time.monotonic_ns()):
+                outlet.put(packed(pipeline.frame(frame, time.monotonic_ns())))
+    source.close()
 
 
-def agent(endpoint: str, path: str) -> None:
+def agent(arena: Arena, robot: str, ending: Ending) -> None:
+    os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
     event = os.eventfd(0, os.EFD_NONBLOCK)
-    slot: list[bytes] = [b""]
+    slot = [b""]
 
     def store(sample: Any) -> None:
         slot[0] = sample.payload.to_bytes()
         os.eventfd_write(event, 1)
 
-    with client(endpoint) as opened:
-        opened.declare_subscriber(KEY, store)
-        line = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    config = zenoh.Config()
+    for key, value in network.client_config(arena.link.router):
+        config.insert_json5(key, value)
+    driver = open_robot(arena, robot)
+    with zenoh.open(config) as opened:
+        opened.declare_subscriber(KEY, zenoh.handlers.Callback(store, indirect=False))
+        teller = publisher(opened, Keys(arena.arena.name).steps(robot), "steps")
+        driver.configure()
+        driver.activate(time.monotonic_ns())
+        fd = driver.fileno()
+        assert fd is not None
         poll = select.poll()
         poll.register(event, select.POLLIN)
-        print("READY agent", flush=True)
-        while True:
-            poll.poll()
-            os.eventfd_read(event)
-            os.write(line, slot[0][:16].ljust(COMMAND_BYTES - 1, b"0") + b"\n")
-
-
-def hardware(port: int, rate_hz: float, folder: Path, count: int) -> None:
-    outlet = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    poll = select.epoll()
-    poll.register(sys.stdin.fileno(), select.EPOLLIN)
-    lines = {}
-    for number in range(count):
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        os.set_blocking(master, False)
-        (folder / str(number)).symlink_to(os.ttyname(slave))
-        poll.register(master, select.EPOLLIN)
-        lines[master] = b""
-    print("READY hardware", flush=True)
-    period_ns, due_ns, on = round(1e9 / rate_hz), 0, False
-    latencies: list[int] = []
-    while True:
-        wait_s = max(0.0, (due_ns - time.monotonic_ns()) / 1e9) if on else -1
-        for number, _ in poll.poll(wait_s):
-            if number == sys.stdin.fileno():
-                word = sys.stdin.readline().strip()
-                if not word:
-                    return
-                on, due_ns = word == "on", time.monotonic_ns()
-                if not on:
-                    print(json.dumps(latencies), flush=True)
-                    latencies.clear()
-                continue
-            data = lines[number] + os.read(number, 65536)
-            *whole, lines[number] = data.split(b"\n")
+        print(f"READY {robot}", flush=True)
+        steps: list[RobotStep] = []
+        wrote_ns = tidy_ns = 0
+        while not ending.now:
+            due_ns = min(wrote_ns + TICK_NS, tidy_ns or wrote_ns + TICK_NS)
+            woken = poll.poll(max(0, due_ns - time.monotonic_ns()) / 1e6)
             now_ns = time.monotonic_ns()
-            latencies += [now_ns - int(line[:16], 16) for line in whole]
-        if on and time.monotonic_ns() >= due_ns:
-            due_ns += period_ns
-            outlet.sendto(b"%016x" % time.monotonic_ns() + bytes(DATAGRAM_BYTES - 16), ("127.0.0.1", port))
+            if woken:
+                os.eventfd_read(event)
+                number, sent_ns = HEAD.unpack_from(slot[0])
+                driver.write(TURNING, now_ns, now_ns)
+                wrote_ns = time.monotonic_ns()
+                tidy_ns = now_ns + HOUSEKEEPING_NS
+                steps.append(
+                    RobotStep(
+                        robot=robot,
+                        frame=number,
+                        exposure_ns=sent_ns,
+                        step_ns=now_ns,
+                        write_ns=wrote_ns,
+                        left_radps=TURNING.left_radps,
+                        right_radps=TURNING.right_radps,
+                    )
+                )
+            elif now_ns - wrote_ns >= TICK_NS:
+                driver.write(STANDSTILL, now_ns, now_ns)
+                wrote_ns = now_ns
+                tidy_ns = now_ns + HOUSEKEEPING_NS
+            if tidy_ns and now_ns >= tidy_ns:
+                tidy_ns = 0
+                driver.poll(now_ns)
+                with contextlib.suppress(BlockingIOError):
+                    os.read(fd, 65536)
+                if len(steps) >= TELL_EVERY:
+                    teller.put(encode(StepBatch(robot=robot, steps=tuple(steps))))
+                    steps.clear()
+        driver.stop(time.monotonic_ns())
+        driver.close()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("role", choices=("bridge", "agent"))
+    parser.add_argument("--arena", type=Path, required=True, metavar="FILE")
+    parser.add_argument("--robot", metavar="ID", default="", help="of an agent")
+    options = parser.parse_args()
+    arena, ending = load(options.arena, wheel_faults), Ending()
+    if options.role == "bridge":
+        bridge(arena, ending)
+    else:
+        agent(arena, options.robot, ending)
+    return 0
 
 
 if __name__ == "__main__":
-    role, *words = sys.argv[1:]
-    with contextlib.suppress(OSError):
-        os.nice(HARDWARE_NICENESS if role == "hardware" else REALTIME_NICENESS)
-    if role == "bridge":
-        bridge(words[0], int(words[1]))
-    elif role == "agent":
-        agent(words[0], words[1])
-    else:
-        hardware(int(words[0]), float(words[1]), Path(words[2]), int(words[3]))
+    sys.exit(main())

@@ -1,36 +1,40 @@
 """Datagram sent to wheel bytes decoded: the whole chain against the bare one, in alternating blocks of one run.
 
-Both chains stand beside each other, the same number of processes and hops each; only one is driven at a time.
+Both arenas have the same processes and hops; the bare one (``bare_chain.py``) has neither JSON, law nor feedback.
+They are started in turn, so that neither costs the other anything.
 Machine noise falls on both, so the ratio of neighbouring blocks is the figure to trust, not the milliseconds.
 
-    python bench/pose_to_wheel.py --robots 6 --blocks 12 --json FILE
+    python bench/pose_to_wheel.py --robots 6 --blocks 8 --json FILE
 """
 
 import argparse
 import json
+import os
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
 from bisect import bisect_left
+from collections.abc import Iterable
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from contract.arena import Arena
 from contract.messages import Message, MocapFrame, MotorBatch, RobotStep, StepBatch
 from groundstation import rig
 from groundstation.conduct import Conductor, new_session
 from groundstation.link import Link
-from groundstation.mock_arena import FAULTS_FILE
+from groundstation.processes import Child
 from groundstation.session import Plan
 from groundstation.targets import cloud_of
 
-BLOCK_S = 1.0
-SETTLE_S = 0.4
+BLOCK_S = 3.0
+SETTLE_S = 1.0
 STAGES = ("bridge", "network", "step_and_write", "bus_and_decode")
-BARE = Path(__file__).with_name("bare_chain.py")
+BARE = "bench.bare_chain"
+ROOT = Path(__file__).resolve().parent.parent
 
 
 class Passage(NamedTuple):
@@ -38,7 +42,7 @@ class Passage(NamedTuple):
 
     sent_ns: int
     published_ns: int
-    """The bridge has put it."""
+    """The bridge has put it; as sent, where it does not say."""
     woken_ns: int
     """The robot's loop has it."""
     written_ns: int
@@ -46,8 +50,8 @@ class Passage(NamedTuple):
     """The emulated motor has the command."""
 
 
-class Full:
-    """Passages through the whole chain, from what the swarm says."""
+class Listener:
+    """Passages, from what one arena says."""
 
     def __init__(self) -> None:
         self._frames: dict[int, MocapFrame] = {}
@@ -67,126 +71,122 @@ class Full:
         found = []
         for step in self._steps:
             frame = self._frames.get(step.frame)
+            sent_ns = frame.transmit_ns if frame is not None else step.exposure_ns
+            published_ns = frame.publish_ns if frame is not None else sent_ns
             decoded = self._decoded.get(step.robot, [])
             place = bisect_left(decoded, step.step_ns)
-            if frame is not None and first_ns <= frame.transmit_ns <= last_ns and place < len(decoded):
-                times = (frame.transmit_ns, frame.publish_ns, step.step_ns, step.write_ns, decoded[place])
-                found.append(Passage(*times))
+            if first_ns <= sent_ns <= last_ns and place < len(decoded):
+                found.append(Passage(sent_ns, published_ns, step.step_ns, step.write_ns, decoded[place]))
         return found
 
 
-class Bare:
-    """The bare chain's processes."""
+class BareRig(rig.Rig):
+    """An arena whose bridge and agents are those of :mod:`bench.bare_chain`."""
 
-    def __init__(self, robots: int, rate_hz: float, folder: Path) -> None:
-        tcp, port, _ = rig.free_ports()
-        endpoint = f"tcp/127.0.0.1:{tcp}"
-        roles = [["hardware", str(port), str(rate_hz), str(folder), str(robots)], ["bridge", endpoint, str(port)]]
-        roles += [["agent", endpoint, str(folder / str(number))] for number in range(robots)]
-        self._processes: list[subprocess.Popen[str]] = []
-        for role in roles:
-            process = subprocess.Popen(
-                [sys.executable, str(BARE), *role], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-            )
-            self._processes.append(process)
-            if role[0] != "agent":
-                pipe(process.stdout).readline()
-        for process in self._processes[2:]:
-            pipe(process.stdout).readline()
+    def start(self, robots: Iterable[str] | None = None) -> None:
+        """The hardware first: a bare agent opens its port once."""
+        super().start([])
+        for name in self.arena.robots if robots is None else robots:
+            self.start_robot(name)
+        self.family.wait_ready(rig.READY_S)
 
-    def tell(self, word: str) -> None:
-        stdin = pipe(self._processes[0].stdin)
-        stdin.write(word + "\n")
-        stdin.flush()
+    def start_robot(self, name: str) -> Child:
+        return self._child(name, BARE, "agent", "--robot", name)
 
-    def latencies(self) -> list[int]:
-        self.tell("off")
-        found: list[int] = json.loads(pipe(self._processes[0].stdout).readline())
-        return found
-
-    def end(self) -> None:
-        for process in self._processes:
-            process.kill()
-            process.wait()
+    def start_one(self, name: str) -> Child:
+        return self._child(name, BARE, "bridge") if name == "bridge" else super().start_one(name)
 
 
-def pipe(stream: IO[str] | None) -> IO[str]:
-    if stream is None:
-        raise RuntimeError("no pipe")
-    return stream
-
-
-Block = tuple[list[Passage], list[int]]
-"""Of the whole chain; latencies of the bare one, ns."""
+Block = tuple[list[Passage], list[Passage]]
+"""Through the whole chain, through the bare one."""
 
 
 def measure(robots: int, blocks: int) -> list[Block]:
-    with tempfile.TemporaryDirectory() as folder:
-        out, ptys = Path(folder) / "run", Path(folder) / "bare"
-        ptys.mkdir()
-        changes = rig.Changes(robots=robots, targets=50, seed=1)
-        arena = rig.mock_arena(rig.find_arena("experiment2"), out, changes)
-        cloud = cloud_of(arena, "bench")
-        bare = Bare(robots, arena.mocap.frame_rate_hz, ptys)
-        try:
-            with rig.Rig(arena, out, record=False) as processes:
-                processes.start()
-                with Link(arena, "station") as link:
-                    link.subscribe(
-                        key for name in arena.robots for key in (link.keys.steps(name), link.keys.motor(name))
-                    )
-                    session = new_session(arena, cloud, Plan(automatic=True))
-                    conductor = Conductor(arena, session, cloud, link)
-                    if not conductor.until(lambda: session.phase == "running", 30.0):
-                        raise RuntimeError(f"the robots do not start: {session.detail}")
-                    return [block(conductor, bare, out / FAULTS_FILE) for _ in range(blocks)]
-        finally:
-            bare.end()
+    found = []
+    for number in range(blocks):
+        with tempfile.TemporaryDirectory() as folder:
+            changes = rig.Changes(robots=robots, targets=50, seed=number + 1)
+            out = Path(folder)
+            full = whole(rig.mock_arena(rig.find_arena("experiment2"), out / "full", changes), out / "full")
+            bare = stripped(rig.mock_arena(rig.find_arena("experiment2"), out / "bare", changes), out / "bare")
+            found.append((full, bare))
+        print(f"block {number + 1} of {blocks}", file=sys.stderr, flush=True)
+    return found
 
 
-def block(conductor: Conductor, bare: Bare, faults: Path) -> Block:
-    full = Full()
-    faults.write_text("")
-    turn(conductor, SETTLE_S)
-    conductor.listener = lambda message, _: full.receive(message)
-    first_ns = time.monotonic_ns()
-    turn(conductor, BLOCK_S)
-    last_ns = time.monotonic_ns()
-    turn(conductor, SETTLE_S)
-    conductor.listener = None
-    faults.write_text("udp dropped\n")
-    turn(conductor, SETTLE_S)
-    bare.tell("on")
-    turn(conductor, BLOCK_S)
-    return full.passages(first_ns, last_ns), bare.latencies()
+def whole(arena: Arena, out: Path) -> list[Passage]:
+    """A block of a mission under way."""
+    cloud, heard = cloud_of(arena, "bench"), Listener()
+    with rig.Rig(arena, out, record=False) as processes:
+        processes.start()
+        with Link(arena, "station") as link:
+            listen(link, arena)
+            session = new_session(arena, cloud, Plan(automatic=True))
+            conductor = Conductor(arena, session, cloud, link)
+            if not conductor.until(lambda: session.phase == "running", 30.0):
+                raise RuntimeError(f"the robots do not start: {session.detail}")
+            turn(conductor, SETTLE_S)
+            conductor.listener = lambda message, _: heard.receive(message)
+            first_ns, last_ns = time.monotonic_ns(), turn(conductor, BLOCK_S)
+            turn(conductor, SETTLE_S)
+    return heard.passages(first_ns, last_ns)
 
 
-def turn(conductor: Conductor, seconds: float) -> None:
+def stripped(arena: Arena, out: Path) -> list[Passage]:
+    """A block of the bare chain, with a station beside it that does the same as the other's."""
+    cloud, heard = cloud_of(arena, "bench"), Listener()
+    with BareRig(arena, out, record=False) as processes:
+        processes.start()
+        with Link(arena, "station") as link:
+            listen(link, arena)
+            conductor = Conductor(arena, new_session(arena, cloud, Plan(automatic=True)), cloud, link)
+            turn(conductor, SETTLE_S)
+            conductor.listener = lambda message, _: heard.receive(message)
+            first_ns, last_ns = time.monotonic_ns(), turn(conductor, BLOCK_S)
+            turn(conductor, SETTLE_S)
+    return heard.passages(first_ns, last_ns)
+
+
+def listen(link: Link, arena: Arena) -> None:
+    link.subscribe(key for name in arena.robots for key in (link.keys.steps(name), link.keys.motor(name)))
+
+
+def turn(conductor: Conductor, seconds: float) -> int:
+    """Keep the station going for so long; the site time then, ns."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         conductor.turn()
+    return time.monotonic_ns()
+
+
+def spread(values: "np.ndarray[Any, np.dtype[np.float64]]") -> dict[str, float]:
+    names = (("p50", 50), ("p99", 99), ("max", 100))
+    return {name: round(float(np.percentile(values, q)), 1) for name, q in names}
 
 
 def judge(blocks: list[Block]) -> dict[str, Any]:
-    """Pooled percentiles in us, the medians over blocks of the ratios of percentiles, and where the time goes."""
-    pairs = [([way.decoded_ns - way.sent_ns for way in passages], bare) for passages, bare in blocks]
-    full, bare = ([value / 1e3 for pair in pairs for value in pair[side]] for side in (0, 1))
-    ways = np.diff(np.array([way for passages, _ in blocks for way in passages]), axis=1) / 1e3
+    """Pooled percentiles in us, where the time goes, and the medians over blocks of the ratios of percentiles."""
+    times = [tuple(np.array(side, dtype=float).reshape(-1, 5) / 1e3 for side in block) for block in blocks]
+    full, bare = (np.concatenate([block[side] for block in times]) for side in (0, 1))
 
-    def spread(values: list[float]) -> dict[str, float]:
-        return {name: round(float(np.percentile(values, q)), 1) for name, q in (("p50", 50), ("p99", 99), ("max", 100))}
+    def latency(passages: "np.ndarray[Any, np.dtype[np.float64]]") -> "np.ndarray[Any, np.dtype[np.float64]]":
+        return passages[:, 4] - passages[:, 0]
 
     def paired(q: int) -> float:
-        ratios = [float(np.percentile(a, q) / np.percentile(b, q)) for a, b in pairs if a and b]
-        return round(statistics.median(ratios), 3)
+        ratios = [np.percentile(latency(a), q) / np.percentile(latency(b), q) for a, b in times if len(a) and len(b)]
+        return round(float(statistics.median(ratios)), 3)
+
+    def stages(passages: "np.ndarray[Any, np.dtype[np.float64]]") -> dict[str, float]:
+        return dict(zip(STAGES, np.median(np.diff(passages), axis=0).round(1).tolist(), strict=True))
 
     return {
-        "full_us": spread(full),
-        "stages_p50_us": dict(zip(STAGES, np.median(ways, axis=0).round(1).tolist(), strict=True)),
-        "bare_us": spread(bare),
+        "full_us": spread(latency(full)),
+        "full_stages_p50_us": stages(full),
+        "bare_us": spread(latency(bare)),
+        "bare_stages_p50_us": stages(bare),
         "paired_p50": paired(50),
         "paired_p99": paired(99),
-        "blocks": len(pairs),
+        "blocks": len(blocks),
         "samples": [len(full), len(bare)],
     }
 
@@ -194,12 +194,13 @@ def judge(blocks: list[Block]) -> dict[str, Any]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=6)
-    parser.add_argument("--blocks", type=int, default=12)
+    parser.add_argument("--blocks", type=int, default=8, help="about 20 s each (default 8)")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument(
         "--gate", action="store_true", help="exit code 1 above 2.0 (p50) or 2.5 (p99) times the bare chain"
     )
     args = parser.parse_args()
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     result = judge(measure(args.robots, args.blocks))
     text = json.dumps(result, indent=2)
     print(text)
