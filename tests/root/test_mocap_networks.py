@@ -61,11 +61,12 @@ def hosts() -> Iterator[Hosts]:
 
 
 def arena_file(path: Path, mocap: dict[str, object]) -> Path:
+    """Two robots, apart in both directions: bodies of heading 0 in one line show no up axis."""
     settings = {"server": f"{LAN}.1", "local_address": f"{LAN}.2", "frame_rate_hz": 40.0, **mocap}
     lines = ['[arena]\nname = "lab"\nsize_m = [4.0, 5.0]\n[mocap]']
     lines += [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
     for k, name in enumerate(("r06", "r08")):
-        lines.append(f'[robots.{name}]\nbody = "{name}"\nstart = [{1 + 1.5 * k}, 2.0]\nwheels = {{kind = "none"}}')
+        lines.append(f'[robots.{name}]\nbody = "{name}"\nstart = [{1 + 1.5 * k}, {2.0 + k}]\nwheels = {{kind = "none"}}')
     path.write_text("\n".join(lines) + "\n")
     return path
 
