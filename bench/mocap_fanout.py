@@ -4,7 +4,7 @@
 
 Emulated server, bridge and every subscriber are processes of their own on this machine. A frame is lost to
 a subscriber if another one got it; ``never_sent`` are those a busy machine kept the server from making.
-Latency is from the server's stamp to the put, so it holds the server's own encoding of the frame as well.
+Latency is from the server's stamp, just before the datagram leaves, to the put.
 """
 
 import argparse

@@ -141,7 +141,7 @@ def run(options: argparse.Namespace) -> int:
             shell.on_readable(fd, time.monotonic_ns())
         now_ns = time.monotonic_ns()
         if now_ns >= shell.next_due_ns:
-            shell.stream(now_ns, show.poses((now_ns - start_ns) * 1e-9))
+            shell.stream(now_ns, show.poses((now_ns - start_ns) * 1e-9), time.monotonic_ns)
     shell.close()
     print(", ".join(f"{name} {count}" for name, count in sorted(show.server.counters.items()) if count) or "no faults")
     return 0
