@@ -9,6 +9,8 @@ LATENCY_MS = 2
 CAN_QUEUE = 64
 CLOCK_OFFSET_S = 0.005
 LOCK_KB = 256 * 1024
+COLLECTION_MS = 1.0
+"""A tenth of a control period."""
 SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies", "pit")
 
 
@@ -110,6 +112,13 @@ def _python(now: Snapshot) -> Iterator[CheckResult]:
     yield _said("Python build", now.optimised, seen, remedy)
 
 
+def _garbage(now: Snapshot) -> Iterator[CheckResult]:
+    every_ms, frozen_ms = now.collection_ms
+    seen = f"a full collection takes {every_ms:g} ms, {frozen_ms:g} ms with the start's objects frozen, as `run` does"
+    remedy = "the computer is too slow or too busy for a loop of 10 ms: see what else runs (top), then measure --jitter"
+    yield _said("garbage collector", frozen_ms <= COLLECTION_MS, seen, remedy)
+
+
 CHECKS: tuple[Callable[[Snapshot], Iterator[CheckResult]], ...] = (
     _governor,
     _clock_source,
@@ -121,4 +130,5 @@ CHECKS: tuple[Callable[[Snapshot], Iterator[CheckResult]], ...] = (
     _limits,
     _power,
     _python,
+    _garbage,
 )

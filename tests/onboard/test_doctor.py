@@ -28,7 +28,15 @@ GOOD = {
     "proc/swaps": "Filename Type Size Used Priority\n",
     "chronyc-tracking": "System time     : 0.000012345 seconds slow of NTP time\nLeap status     : Normal\n",
 }
-WELL = {"locked_kb": UNLIMITED, "niceness": -10, "realtime": 50, "cores": 4, "allowed_cores": 4, "optimised": True}
+WELL = {
+    "collection_ms": (5.0, 0.1),
+    "locked_kb": UNLIMITED,
+    "niceness": -10,
+    "realtime": 50,
+    "cores": 4,
+    "allowed_cores": 4,
+    "optimised": True,
+}
 
 
 def tree(root: Path, changes: dict[str, str]) -> Snapshot:
@@ -91,6 +99,7 @@ def test_each_finding_has_its_remedy(tmp_path: Path, file: str, text: str, name:
         ({"niceness": 0}, "priority", "Nice=-10"),
         ({"cores": 1, "allowed_cores": 1}, "cores", "jitter"),
         ({"optimised": False}, "Python build", "--enable-optimizations"),
+        ({"collection_ms": (40.0, 3.0)}, "garbage collector", "--jitter"),
         ({"power_save": {"wlan0": True}}, "Wi-Fi power save", "wlan0 set power_save off"),
     ],
 )

@@ -66,7 +66,9 @@ def arena_file(path: Path, mocap: dict[str, object]) -> Path:
     lines = ['[arena]\nname = "lab"\nsize_m = [4.0, 5.0]\n[mocap]']
     lines += [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
     for k, name in enumerate(("r06", "r08")):
-        lines.append(f'[robots.{name}]\nbody = "{name}"\nstart = [{1 + 1.5 * k}, {2.0 + k}]\nwheels = {{kind = "none"}}')
+        lines.append(
+            f'[robots.{name}]\nbody = "{name}"\nstart = [{1 + 1.5 * k}, {2.0 + k}]\nwheels = {{kind = "none"}}'
+        )
     path.write_text("\n".join(lines) + "\n")
     return path
 
