@@ -69,7 +69,8 @@ class Reel:
 
     def __init__(self, out: Path, arena: Arena, config: bytes) -> None:
         self.tape = Tape(out / NAME, arena, config)
-        self.finished: list[Tape] = []
+        self.troubles: list[str] = []
+        """Of the recordings that are finished."""
         self._out = out
         self._config = config
         self._keys = Keys(arena.arena.name)
@@ -103,7 +104,8 @@ class Reel:
             print(f"next run not in a folder of its own: {error}", file=sys.stderr, flush=True)
             return
         self.tape.close(dropped)
-        self.finished.append(self.tape)
+        if self.tape.trouble:
+            self.troubles.append(self.tape.trouble)
         self.tape, self._ran = tape, False
         print(f"recording to {folder}", flush=True)
 
@@ -273,7 +275,7 @@ def run(args: argparse.Namespace) -> int:
         return 1
     finally:
         reel.tape.close(intake.dropped)
-    troubles = [tape.trouble for tape in (*reel.finished, reel.tape) if tape.trouble]
+    troubles = [*reel.troubles, *filter(None, [reel.tape.trouble])]
     for trouble in troubles:
         print(trouble, file=sys.stderr)
     return 1 if troubles else 0
