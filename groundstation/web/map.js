@@ -17,7 +17,10 @@ export class ArenaMap {
     this.boxes = [];
   }
 
-  setLayout(layout) { this.layout = layout; this.trails.clear(); }
+  setLayout(layout) {
+    this.layout = layout; this.trails.clear();
+    if (this.view?.robots.length !== layout.robots.length) this.before = this.view = null; // of another arena
+  }
 
   /** A new view: poses are drawn on the way from the last one for one view's time, never beyond it. */
   setView(view, now) {
