@@ -52,13 +52,12 @@ function receive(message) {
   } else if (message.kind === "targets") seed.setServer(message.points);
   else if (message.kind === "answer") { waiting.get(message.to)?.(message.text); waiting.delete(message.to); }
   else if (message.kind === "view") {
-    stop.update(message.stop);
-    if (message.robots.length !== layout?.robots.length) return; // of another arena: its layout is on the way
+    if (message.robots.length !== layout?.robots.length) { stop.update(message.stop); return; } // of another arena
     view = message; viewAt = performance.now(); window.arena.views += 1;
     if (!view.elapsed || (view.replay && history.length && view.elapsed < history[history.length - 1][0])) { history = []; marks = []; }
     for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
     if (view.marked !== marks.length) marks = view.marked > 40 && marks.length ? marks.slice(0, view.marked - view.marks.length).concat(view.marks) : view.marks;
-    map.setView(view, viewAt); drawAll();
+    map.setView(view, viewAt); stop.update(view.stop); drawAll();
   }
 }
 
