@@ -46,13 +46,11 @@ const stop = new Stop($("stop"), send, () => drawAll());
 
 function receive(message) {
   if (message.kind === "layout") {
-    if (view?.robots.length !== message.robots.length) view = null;
     layout = message; history = message.history; marks = message.marks;
     map.setLayout(layout); seed.setLayout(layout); replay.setLayout(layout); document.title = `${layout.name}, arena`;
   } else if (message.kind === "targets") seed.setServer(message.points);
   else if (message.kind === "answer") { waiting.get(message.to)?.(message.text); waiting.delete(message.to); }
   else if (message.kind === "view") {
-    if (message.robots.length !== layout?.robots.length) { stop.update(message.stop); return; } // of another arena
     view = message; viewAt = performance.now(); window.arena.views += 1;
     if (!view.elapsed || (view.replay && history.length && view.elapsed < history[history.length - 1][0])) { history = []; marks = []; }
     for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
