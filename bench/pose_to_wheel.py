@@ -42,7 +42,7 @@ class Passage(NamedTuple):
 
     sent_ns: int
     published_ns: int
-    """The bridge has put it; as sent, where it does not say."""
+    """The bridge is about to put it; the bare one does not say: as sent."""
     woken_ns: int
     """The robot's loop has it."""
     written_ns: int
@@ -51,9 +51,13 @@ class Passage(NamedTuple):
 
 
 class Listener:
-    """Passages, from what one arena says."""
+    """Passages, from what one arena says.
 
-    def __init__(self) -> None:
+    :param bare: its steps carry the frame's transmit stamp for the exposure, since no frame is told.
+    """
+
+    def __init__(self, bare: bool = False) -> None:
+        self._bare = bare
         self._frames: dict[int, MocapFrame] = {}
         self._steps: list[RobotStep] = []
         self._decoded: dict[str, list[int]] = {}
@@ -70,9 +74,13 @@ class Listener:
         """Of the frames sent within the block."""
         found = []
         for step in self._steps:
-            frame = self._frames.get(step.frame)
-            sent_ns = frame.transmit_ns if frame is not None else step.exposure_ns
-            published_ns = frame.publish_ns if frame is not None else sent_ns
+            if self._bare:
+                sent_ns = published_ns = step.exposure_ns
+            elif step.frame in self._frames:
+                frame = self._frames[step.frame]
+                sent_ns, published_ns = frame.transmit_ns, frame.publish_ns
+            else:
+                continue
             decoded = self._decoded.get(step.robot, [])
             place = bisect_left(decoded, step.step_ns)
             if first_ns <= sent_ns <= last_ns and place < len(decoded):
@@ -134,7 +142,7 @@ def whole(arena: Arena, out: Path) -> list[Passage]:
 
 def stripped(arena: Arena, out: Path) -> list[Passage]:
     """A block of the bare chain, with a station beside it that does the same as the other's."""
-    cloud, heard = cloud_of(arena, "bench"), Listener()
+    cloud, heard = cloud_of(arena, "bench"), Listener(bare=True)
     with BareRig(arena, out, record=False) as processes:
         processes.start()
         with Link(arena, "station") as link:

@@ -5,6 +5,7 @@ import signal
 import socket
 
 from contract import network
+from contract.exposure import host_of
 
 os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
 
@@ -13,9 +14,8 @@ import zenoh
 
 def is_local(endpoint: str) -> bool:
     """Whether the host of an endpoint such as ``tcp/192.168.7.1:7447`` is this machine."""
-    host = endpoint.partition("/")[2].partition("?")[0].rpartition(":")[0].strip("[]")
     try:
-        family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM)[0]
+        family, _, _, _, address = socket.getaddrinfo(host_of(endpoint), 0, type=socket.SOCK_DGRAM)[0]
         with socket.socket(family, socket.SOCK_DGRAM) as probe:
             probe.bind(address)
     except OSError:

@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis.internal.conjecture.providers import HypothesisProvider
 
-from tests.conftest import read_skips
+from tests.conftest import FRESH, read_skips
 from tests.house.checkout import ROOT
 
 SUITE = """
@@ -94,3 +95,11 @@ def test_a_listed_skip_needs_a_reason(tmp_path: Path) -> None:
 def test_every_listed_skip_names_a_test_file() -> None:
     files = [test.partition("::")[0] for test in read_skips(ROOT / "tests" / "skips.txt")]
     assert [file for file in files if not (ROOT / file).is_file()] == []
+
+
+@pytest.mark.skipif(FRESH, reason="fresh examples are meant to differ")
+def test_property_examples_do_not_depend_on_what_a_worker_has_imported() -> None:
+    """The profile empties a pool that this release of hypothesis really draws from."""
+    assert "_local_constants" in HypothesisProvider._maybe_draw_constant.__code__.co_names
+    pool = HypothesisProvider._local_constants
+    assert not any(pool.set_for_type(kind) for kind in ("integer", "float", "string", "bytes"))  # type: ignore[attr-defined]
