@@ -150,12 +150,13 @@ with contextlib.redirect_stdout(said):
     client.send_request(client.command_socket, client.NAT_REQUEST_MODELDEF, "", ("127.0.0.1", client.command_port))
     while "Rigid Body Name" not in said.getvalue() and time.monotonic() < limit:
         time.sleep(0.005)
-print(json.dumps({
-    "bodies": bodies, "names": [name for name in ("r06", "r08") if name in said.getvalue()],
-    "markers": frames[-1]["labeled_marker_count"], "numbers": [frame["frame_number"] for frame in frames],
-    "streams": client.get_nat_net_requested_version()[:2], "server": client.get_application_name(),
-}), flush=True)
-os._exit(0)  # its threads wait for datagrams for ever
+    result = json.dumps({
+        "bodies": bodies, "names": [name for name in ("r06", "r08") if name in said.getvalue()],
+        "markers": frames[-1]["labeled_marker_count"], "numbers": [frame["frame_number"] for frame in frames],
+        "streams": client.get_nat_net_requested_version()[:2], "server": client.get_application_name(),
+    })
+    os.write(1, result.encode())  # past the redirection, which its threads go on printing into
+    os._exit(0)  # they wait for datagrams for ever
 """
 
 NATNETCLIENT = """
