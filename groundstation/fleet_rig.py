@@ -95,15 +95,17 @@ class FleetRig(rig.Rig):
         """The station's session, not waited for; :meth:`order` tells it what to do."""
         return self._child("session", "groundstation", "session")
 
-    def order(self, *words: str) -> int:
-        """A verb of ``ahdc-groundstation`` in the station's namespace, waited for; its exit code."""
+    def order(self, *words: str, wait_s: float = 30.0) -> int:
+        """A verb of ``ahdc-groundstation`` in the station's namespace, waited for; its exit code, -1: killed."""
         name = f"{words[0]}-{len(self.family.children)}"
         child = self._child(name, "groundstation", *words)
-        child.wait(30.0)
+        if not child.wait(wait_s):
+            child.signal(signal.SIGKILL)
+            child.wait(1.0)
         code = child.code
         self.family.children.remove(child)
         child.close()
-        return -1 if code is None else code
+        return -1 if code is None or code < 0 else code
 
     def _child(self, name: str, module: str, *arguments: str) -> Child:
         verb, rest = list(arguments[:1]), list(arguments[1:])

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import select
-import signal
 import sys
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -13,6 +12,7 @@ from contract import network
 from contract.arena import Arena, ArenaError
 from contract.codec import WireError, decode, encode
 from contract.exposure import exposure
+from contract.joining import open_session, publisher
 from contract.keys import Keys
 from contract.messages import Message
 
@@ -59,24 +59,18 @@ class Link:
         self._token: Any = None
 
     def __enter__(self) -> "Link":
-        os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
         import zenoh
 
         if words := exposure((self._endpoint,), "" if self._identity is None else "keys"):
             print(words, file=sys.stderr, flush=True)
-        config = zenoh.Config()
-        for key, value in network.client_config(self._endpoint, self._timeout_s, self._identity):
-            config.insert_json5(key, value)
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
         try:
-            self._session = zenoh.open(config)
+            settings = network.client_config(self._endpoint, self._timeout_s, self._identity)
+            self._session = open_session(settings)
         except zenoh.ZError as error:
             remedy = "start the mocap bridge"
             if self._identity is not None:
                 remedy = "start the router, and see by keys list whether this certificate counts"
             raise LinkError(f"no router answers at {self._endpoint} ({error}); {remedy}") from None
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._token = self._session.liveliness().declare_token(self.keys.presence(self._source))
         return self
@@ -98,19 +92,10 @@ class Link:
 
     def publish(self, key: str, message: Message, channel: str) -> None:
         """Put one message with the quality of service of its channel (:data:`contract.network.QOS`)."""
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            import zenoh
-
-            qos = network.QOS[channel]
-            publisher = self._publishers[key] = self._session.declare_publisher(
-                key,
-                priority=getattr(zenoh.Priority, qos.priority),
-                congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
-                reliability=getattr(zenoh.Reliability, qos.reliability),
-                express=qos.express,
-            )
-        publisher.put(encode(message))
+        speaker = self._publishers.get(key)
+        if speaker is None:
+            speaker = self._publishers[key] = publisher(self._session, key, channel)
+        speaker.put(encode(message))
 
     def wait(self, timeout_s: float) -> None:
         """Until something has arrived, at most ``timeout_s``."""

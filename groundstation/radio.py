@@ -4,7 +4,7 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,15 +21,20 @@ from groundstation.processes import ChildError
 from groundstation.recording import Recording
 from groundstation.weather import Weather
 
-LOSSES, JITTERS_MS = (0.0, 0.05, 0.1, 0.2), (0.0, 20.0, 50.0)
+LOSSES, JITTERS_MS = (0.0, 0.05, 0.1, 0.2), (0.0, 50.0)
 PROTOCOLS: tuple[Protocol, ...] = ("quic", "tls")
 SETTLE_S = 3.0
 """The recorder commits once a second."""
+LEAVE_S = 1.0
+"""From the bad radio's beginning, the robots armed, until the start."""
+LONGEST_S = 120.0
 EXAMPLES = """\
-  radio --out radio                        losses 0, 5, 10, 20 %, jitter 0, 20, 50 ms, over quic and tls (TCP)
+  radio --out radio                        losses 0, 5, 10, 20 %, jitter 0, 50 ms, over quic and tls (TCP): 20 minutes
   radio --out radio --loss 0.1 --protocol quic --robots 3 --targets 6
+  radio --out radio --loss 0 --jitter 20 --overtaking
 
-The table goes to DIR/radio.md, the figures to DIR/radio.json, every mission's recording beside them.
+Every mission begins with the robots at their starts. The table goes to DIR/radio.md, the figures to DIR/radio.json,
+every mission's recording beside them.
 """
 
 
@@ -39,8 +44,10 @@ class Row(NamedTuple):
     protocol: str
     loss: float
     jitter_ms: float
+    overtaking: bool
     completed: bool
     mission_s: float
+    """Until it was completed or given up."""
     released: int
     """How often an operator had to release and start anew."""
     pose_age_p50_ms: float | None
@@ -73,6 +80,7 @@ def row_of(folder: Path, protocol: str, weather: Weather, released: int) -> Row:
         protocol=protocol,
         loss=weather.loss,
         jitter_ms=weather.jitter_ms,
+        overtaking=weather.overtaking,
         completed=metrics.completed,
         mission_s=metrics.mission_s,
         released=released,
@@ -85,20 +93,27 @@ def row_of(folder: Path, protocol: str, weather: Weather, released: int) -> Row:
     )
 
 
-def markdown(rows: Iterable[Row]) -> str:
-    """The table of docs/network.md."""
-    lines = [
-        "| over | loss, % | jitter, ms | mission, s | pose age, ms | least rate, Hz | trips | released | splits |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        age = f"{row.pose_age_p50_ms or 0:.0f} / {row.pose_age_p99_ms or 0:.0f}"
-        time_s = f"{row.mission_s:.1f}" if row.completed else "not completed"
-        lines.append(
-            f"| {row.protocol} | {100 * row.loss:g} | {row.jitter_ms:g} | {time_s} | {age} | {row.rate_hz:.0f} "
-            f"| {row.trips} | {row.released} | {row.disconnected_frames} |"
-        )
+def markdown(rows: Sequence[Row]) -> str:
+    """The table of docs/network.md: a line a weather, the protocols side by side."""
+    protocols = list(dict.fromkeys(row.protocol for row in rows))
+    found = {(row.loss, row.jitter_ms, row.protocol): row for row in rows}
+    kinds = ("mission, s", "pose age, ms", "trips", "released", "splits")
+    head = ["loss, %", "jitter, ms", *(f"{kind}, {protocol}" for kind in kinds for protocol in protocols)]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for loss, jitter_ms in dict.fromkeys((row.loss, row.jitter_ms) for row in rows):
+        cells = [_cells(found.get((loss, jitter_ms, protocol))) for protocol in protocols]
+        words = [cell for kind in zip(*cells, strict=True) for cell in kind]
+        lines.append(f"| {100 * loss:g} | {jitter_ms:g} | {' | '.join(words)} |")
     return "\n".join(lines)
+
+
+def _cells(row: Row | None) -> tuple[str, ...]:
+    """Mission time, median and 99th percentile of the pose age, trips, releases, frames in which the network split."""
+    if row is None:
+        return ("-",) * 5
+    age = "none" if row.pose_age_p50_ms is None else f"{row.pose_age_p50_ms:.0f} / {row.pose_age_p99_ms or 0:.0f}"
+    time_s = f"{row.mission_s:.1f}" if row.completed else f"not in {row.mission_s:.0f}"
+    return time_s, age, str(row.trips), str(row.released), str(row.disconnected_frames)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -108,13 +123,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--loss", type=float, nargs="+", default=LOSSES, metavar="P", help="probabilities, each way")
     parser.add_argument("--jitter", type=float, nargs="+", default=JITTERS_MS, metavar="MS", help="of every frame")
     parser.add_argument("--protocol", nargs="+", choices=("quic", "tls", "tcp"), default=PROTOCOLS, help="one or more")
+    parser.add_argument("--overtaking", action="store_true", help="late frames are overtaken: no radio cell does that")
+    parser.add_argument("--longest", type=float, default=LONGEST_S, metavar="S", help="of a mission (%(default)g s)")
     parser.add_argument("--robots", type=int, metavar="N")
     parser.add_argument("--targets", type=int, metavar="M")
     parser.add_argument("--seed", type=int, metavar="N")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code 1: a mission was not completed, or a network split."""
+    """Exit code 1: a network split, or missions are missing; that a mission takes too long is a result like others."""
     if bad := [p for p in args.loss if not 0.0 <= p < 1.0] + [j for j in args.jitter if not 0.0 <= j <= 1000.0]:
         raise ArenaError("radio", [Fault("loss or jitter", str(bad), "losses from 0 to below 1, jitter 0 to 1000 ms")])
     rows: list[Row] = []
@@ -131,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
     (args.out / "radio.json").write_bytes(msgspec.json.format(msgspec.json.encode([row._asdict() for row in rows])))
     print(markdown(rows))
     whole = len(rows) == len(args.protocol) * len(args.loss) * len(args.jitter)
-    return 0 if whole and all(row.completed and not row.disconnected_frames for row in rows) else 1
+    return 0 if whole and not any(row.disconnected_frames or row.collisions for row in rows) else 1
 
 
 def _missions(args: argparse.Namespace, protocol: Protocol, rows: list[Row]) -> None:
@@ -144,14 +161,30 @@ def _missions(args: argparse.Namespace, protocol: Protocol, rows: list[Row]) -> 
         site.start()
         operator = Operator(site)
         for number, (loss, jitter_ms) in enumerate(itertools.product(args.loss, args.jitter), 1):
-            weather = Weather(loss=loss, jitter_ms=jitter_ms)
-            site.weather(weather)
-            if number == 1:
-                operator.begin()
-            else:
-                operator.again()
-            released = operator.finish()
+            weather = Weather(loss=loss, jitter_ms=jitter_ms, overtaking=args.overtaking)
+            if number > 1:
+                operator.home()
+            released = _mission(operator, weather, first=number == 1, longest_s=args.longest)
             time.sleep(SETTLE_S)
-            folder = out if number == 1 else out.with_name(f"{out.name}-{number}")
-            rows.append(row_of(folder, protocol, weather, released))
+            rows.append(
+                row_of(out if number == 1 else out.with_name(f"{out.name}-{number}"), protocol, weather, released)
+            )
             print(markdown(rows[-1:]).rpartition("\n")[2], file=sys.stderr, flush=True)
+
+
+def _mission(operator: Operator, weather: Weather, first: bool, longest_s: float) -> int:
+    """One mission, begun under good weather; how often it was released and started anew, -1: it was given up."""
+
+    def worsen() -> None:
+        operator.site.weather(weather)
+        time.sleep(LEAVE_S)
+
+    try:
+        operator.begin(worsen) if first else operator.again(worsen)
+        return operator.finish(longest_s)
+    except FleetError as error:
+        print(error, file=sys.stderr)
+        operator.site.order("release")
+        return -1
+    finally:
+        operator.site.weather(Weather())

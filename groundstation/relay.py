@@ -7,7 +7,7 @@ radio cell with client isolation. A file says what to do to them and is read aga
     {"loss": 0.1, "delay_ms": 5, "jitter_ms": 50, "cut": ["r06"]}
 
 Each frame is lost with the same probability in either direction, on its own; its delay is ``delay_ms`` and between 0
-and ``jitter_ms`` more, so that frames overtake each other.
+and ``jitter_ms`` more. A frame waits for those before it, as in a radio cell, unless ``"overtaking": true``.
 """
 
 import argparse

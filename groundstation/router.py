@@ -10,10 +10,10 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 from contract import network
 from contract.arena import Arena, ArenaError, load
+from contract.joining import open_session
 from groundstation import access
 from groundstation.keyring import REGISTER, Keyring, KeysError
 
@@ -33,12 +33,11 @@ def run(args: argparse.Namespace) -> int:
     if not arena.link.keys:
         print("without link.keys the mocap bridge is the router; nothing to do here", file=sys.stderr)
         return 2
-    os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
     import zenoh
 
     seen = fingerprint(args.arena, arena)
     try:
-        session = opened(settings_of(arena))
+        session = open_session(settings_of(arena))
     except (KeysError, zenoh.ZError) as error:
         print(f"router at {listening(arena)}: {error}", file=sys.stderr)
         return 1
@@ -102,20 +101,3 @@ def settings_of(arena: Arena) -> network.Settings:
     identity = network.identity(arena.link.keys, "router")
     rules = access.rules(arena, counted(arena))
     return network.router_config(arena.link.router, arena.link.listen, identity, rules)
-
-
-def opened(settings: network.Settings) -> Any:
-    """A session of these settings.
-
-    :raises zenoh.ZError: an address is taken, or a certificate of no use.
-    """
-    import zenoh
-
-    config = zenoh.Config()
-    for key, value in settings:
-        config.insert_json5(key, value)
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
-    try:
-        return zenoh.open(config)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)

@@ -13,6 +13,8 @@ class Weather(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Probability, each way."""
     delay_ms: float = 0.0
     jitter_ms: float = 0.0
+    overtaking: bool = False
+    """Late frames are overtaken by later ones. A radio cell keeps the order of a station's frames."""
     cut: tuple[str, ...] = ()
     """Ports through which nothing passes."""
 
@@ -25,6 +27,8 @@ class Sky:
         self.passed = self.lost = 0
         self._dice = dice
         self._waiting: list[tuple[int, int, str, bytes]] = []
+        self._last_ns: dict[tuple[str, str], int] = {}
+        """When the last frame of a port and direction leaves."""
         self._number = 0
 
     def take(self, frame: bytes, port: str, to: str, now_ns: int) -> None:
@@ -36,7 +40,11 @@ class Sky:
         self.passed += 1
         late_ms = weather.delay_ms + weather.jitter_ms * self._dice.random()
         self._number += 1
-        heapq.heappush(self._waiting, (now_ns + round(late_ms * 1e6), self._number, to, frame))
+        due_ns = now_ns + round(late_ms * 1e6)
+        if not weather.overtaking:
+            due_ns = max(due_ns, self._last_ns.get((port, to), 0))
+        self._last_ns[port, to] = due_ns
+        heapq.heappush(self._waiting, (due_ns, self._number, to, frame))
 
     def due(self, now_ns: int) -> list[tuple[str, bytes]]:
         """Frames whose time has come, with the port they leave by."""

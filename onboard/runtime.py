@@ -6,7 +6,6 @@ shared computer. With nothing arriving the same poll ticks the agent at 50 Hz or
 orders wake the loop: neighbours' states and wheel feedback are of use to the next control step alone.
 """
 
-import os
 import select
 import signal
 import sys
@@ -20,6 +19,7 @@ from contract import network
 from contract.arena import Arena, digest, load, robot_or_fault
 from contract.codec import WireError, encode
 from contract.exposure import exposure
+from contract.joining import open_session, publisher
 from contract.keys import Keys
 from contract.messages import LogEntry
 from drivers.base import WheelSpeeds
@@ -70,19 +70,12 @@ class Runtime:
         """Until SIGTERM or SIGINT; wheels at zero and disabled on every way out."""
         import zenoh
 
-        config = zenoh.Config()
         identity = network.identity(self._arena.link.keys, self._robot)
-        for key, value in network.client_config(self._arena.link.router, identity=identity):
-            config.insert_json5(key, value)
+        settings = network.client_config(self._arena.link.router, identity=identity)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
         self._service.waiting(f"waits for the router at {self._arena.link.router}")
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
-        try:
-            session = zenoh.open(config)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        with session:
+        with open_session(settings) as session:
             try:
                 self._join(session, zenoh)
                 self._wheels.open(time.monotonic_ns())
@@ -113,15 +106,8 @@ class Runtime:
             newest = zenoh.handlers.RingChannel(1)
             self._speakers[name] = session.declare_subscriber(self._keys.state(name), newest, allowed_origin=remote)
         for channel in ("state", "report", "steps", "feedback", "inputs", "log"):
-            qos = network.QOS[channel]
             key = getattr(self._keys, channel)(self._robot)
-            self._publishers[key] = session.declare_publisher(
-                key,
-                priority=getattr(zenoh.Priority, qos.priority),
-                congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
-                reliability=getattr(zenoh.Reliability, qos.reliability),
-                express=qos.express,
-            )
+            self._publishers[key] = publisher(session, key, channel)
         self._presence = session.liveliness().declare_token(self._keys.presence(self._robot))
 
     def _loop(self) -> None:
@@ -245,6 +231,5 @@ def run(path: Path, robot: str) -> int:
     robot_or_fault(arena, robot)
     if words := exposure((arena.link.router,), arena.link.keys):
         print(words, file=sys.stderr, flush=True)
-    os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
     agent = JournalledAgent(arena, robot, boot=time.time_ns() // 1_000_000, software=software())
     return Runtime(arena, robot, agent, open_robot(arena, robot)).run()

@@ -41,6 +41,7 @@ SPELLED = re.compile(rf"({'|'.join(ROOMS)})(\.[a-z_]+)+")
 STATION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["station"]
 STATION_ONLY = {Requirement(text).name for text in STATION}
 SHELLS = (
+    "contract/joining.py",
     "onboard/computer.py",
     "onboard/jitter.py",
     "onboard/runtime.py",
