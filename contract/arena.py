@@ -244,6 +244,11 @@ class Arena(Struct, frozen=True, forbid_unknown_fields=True):
     version: Literal[1] = 1
     """Version of the file format."""
 
+    def virtual_beside_tracked(self) -> dict[str, Robot]:
+        """Robots with a virtual body in a file whose other bodies are tracked; none where all are alike."""
+        virtual = {name: robot for name, robot in self.robots.items() if "body" in robot.emulate}
+        return {} if len(virtual) == len(self.robots) else virtual
+
 
 class ArenaError(ValueError):
     """The arena file is not usable; ``faults`` lists everything wrong with it."""
@@ -301,7 +306,7 @@ def parse(table: dict[str, Any], source: str, wheel_check: WheelCheck | None = N
 def table_of(arena: Arena) -> dict[str, Any]:
     """The arena as plain TOML-able tables, defaults written out, the unused profile left off."""
     table: dict[str, Any] = _without_none(msgspec.to_builtins(arena))
-    for section in _unused_sections(arena.control.profile):
+    for section in unused_sections(arena.control.profile):
         del table["control"][section]
     return table
 
@@ -338,13 +343,13 @@ def _unused_profile(table: dict[str, Any]) -> list[Fault]:
         return [Fault("control.profile", show(profile), text, nearest(profile, known))]
     return [
         Fault(f"control.{section}", "", f'not used by profile "{profile}"; remove the section')
-        for section in _unused_sections(profile)
+        for section in unused_sections(profile)
         if section in control
     ]
 
 
-def _unused_sections(profile: str) -> tuple[str, ...]:
-    """Of ``[control]``. The brakes of ``[control.field]`` bound any law of your own."""
+def unused_sections(profile: str) -> tuple[str, ...]:
+    """Of ``[control]``, by profile. The brakes of ``[control.field]`` bound any law of your own."""
     return {"field": ("paper", "law"), "paper": ("field", "law")}.get(profile, ("paper",))
 
 

@@ -3,6 +3,7 @@
 <site>/mocap/frame            MocapFrame        whole frame, real time, latest wins
 <site>/mocap/health           MocapHealth
 <site>/mocap/external         ExternalFrame     poses from another system, to the bridge
+<site>/mocap/virtual          ExternalFrame     virtual bodies where others are tracked, to the bridge
 <site>/station/heartbeat      StationHeartbeat  20 Hz, silence stops robots
 <site>/station/targets        TargetCloud       cached for late joiners
 <site>/station/status         RunStatus
@@ -57,6 +58,10 @@ class Keys:
     @property
     def external(self) -> str:
         return f"{self.site}/mocap/external"
+
+    @property
+    def virtual(self) -> str:
+        return f"{self.site}/mocap/virtual"
 
     @property
     def heartbeat(self) -> str:
@@ -121,7 +126,7 @@ class Keys:
                 return m.MocapFrame
             case ["mocap", "health"]:
                 return m.MocapHealth
-            case ["mocap", "external"]:
+            case ["mocap", "external" | "virtual"]:
                 return m.ExternalFrame
             case ["station", "heartbeat"]:
                 return m.StationHeartbeat

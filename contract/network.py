@@ -2,28 +2,13 @@
 
 The star: one router session, all other sessions are clients that connect to ``arena.link.router``. The
 motion-capture bridge holds the router where there are no keys, a process of its own where there are
-(``ahdc-groundstation router``). This module opens nothing; a room applies it like this::
+(``ahdc-groundstation router``). This module opens nothing;
+:mod:`contract.joining` does, with these settings::
 
-    config = zenoh.Config()
     who = network.identity(arena.link.keys, "r06")
-    for key, value in network.client_config(arena.link.router, identity=who):
-        config.insert_json5(key, value)
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
-    try:                                    # else a Zenoh thread may swallow the signal
-        session = zenoh.open(config)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-    with session:                           # else a forgotten callback hangs the exit
-        qos = network.QOS["state"]
-        publisher = session.declare_publisher(
-            keys.state("r06"),
-            priority=getattr(zenoh.Priority, qos.priority),
-            congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
-            reliability=getattr(zenoh.Reliability, qos.reliability),
-            express=qos.express,
-        )
+    with open_session(network.client_config(arena.link.router, identity=who)) as session:
+        speaker = publisher(session, keys.state("r06"), "state")
 
-Set ``ZENOH_RUNTIME`` to :data:`RUNTIME` in the environment *before* the first ``zenoh.open``.
 Never leave a plain callback on a state channel: its subscribers use ``zenoh.handlers.RingChannel(1)``
 or a callback that only fills a slot and wakes a poll.
 """
@@ -79,6 +64,7 @@ QOS: Mapping[str, Qos] = MappingProxyType(
         "mocap_frame": _POSES,
         "mocap_health": _STATUS,
         "external": _POSES,
+        "virtual": _POSES,
         "heartbeat": _SAFETY,
         "stop": _SAFETY,
         "targets": _ORDERS,

@@ -51,10 +51,13 @@ def leaves(arena: Arena) -> dict[str, Leave]:
     found["operator"] = Leave((*wishes, f"{site}/presence/*"), heard)
     found["bridge"] = Leave(
         (keys.mocap_frame, keys.mocap_health, keys.log("mocap_bridge"), keys.presence("mocap_bridge")),
-        (keys.external,),
+        (keys.external, keys.virtual),
     )
     found["external"] = Leave((keys.external,), (keys.mocap_health,))
-    found["mock"] = Leave((f"{site}/motor/*", keys.presence("mock-arena")), ())
+    on_stands = [r for r, robot in arena.robots.items() if "body" in robot.emulate and "wheels" not in robot.emulate]
+    found["mock"] = Leave(
+        (f"{site}/motor/*", keys.virtual, keys.presence("mock-arena")), tuple(keys.feedback(name) for name in on_stands)
+    )
     return found
 
 

@@ -2,7 +2,8 @@
 
 One epoll loop. Motors are integrated up to the moment somebody looks; frames leave at multiples of
 the period from the first, so the stream does not drift, and telemetry of the same moment follows them.
-What every emulated controller decoded goes to ``motor/<id>`` from a client session of this process's own.
+What every emulated controller decoded goes to ``motor/<id>`` from a client session of this process's own. Where other
+robots of the file are tracked, virtual bodies go to the bridge on ``mocap/virtual`` instead of a server of their own.
 
 Faults. A file ``faults.txt`` beside the arena file is read again whenever it changes: one fault a line,
 ``ROBOT KIND`` (:data:`drivers.mock.faults.FAULTS`), ``udp corrupted`` (one bit of every datagram) or
@@ -28,6 +29,7 @@ from groundstation.link import Link, LinkError
 from mocap_bridge.mock.bodies import BodyState, settings_of
 from mocap_bridge.mock.server import EmulatedServer
 from mocap_bridge.mock.udp import ServerShell
+from mocap_bridge.mock.virtual import VirtualShell, VirtualStream
 
 BATCH_NS = 50_000_000
 FAULTS_FILE = "faults.txt"
@@ -46,9 +48,13 @@ class MockArena:
             if "wheels" not in arena.robots[name].emulate
         }
         """Real wheels with a virtual body."""
-        self._server = EmulatedServer(settings_of(arena), self._bodies.values())
+        self._stream: EmulatedServer | VirtualStream = (
+            EmulatedServer(settings_of(arena), self._bodies.values())
+            if len(self._names) == len(arena.robots)
+            else VirtualStream(arena.mocap.frame_rate_hz)
+        )
         self._address = arena.mocap.server
-        self._shell: ServerShell | None = None
+        self._shell: ServerShell | VirtualShell | None = None
         self._link = link
         self._running = True
         self._batch_due_ns = 0
@@ -63,7 +69,11 @@ class MockArena:
         """
         self._wheels.plug()
         self._link.subscribe([self._link.keys.feedback(name) for name in self._stands])
-        self._shell = ServerShell(self._server, self._address)
+        self._shell = (
+            VirtualShell(self._stream, lambda frame: self._link.publish(self._link.keys.virtual, frame, "virtual"))
+            if isinstance(self._stream, VirtualStream)
+            else ServerShell(self._stream, self._address)
+        )
 
     def close(self) -> None:
         self._wheels.close()
@@ -90,13 +100,13 @@ class MockArena:
                 else:
                     shell.on_readable(number, now_ns)
             now_ns = time.monotonic_ns()
-            frame_due = now_ns >= self._server.next_due_ns
+            frame_due = now_ns >= self._stream.next_due_ns
             if frame_due or (device_ns is not None and now_ns >= device_ns):
                 self._wheels.roll(now_ns)
             if frame_due:
                 self._listen()
                 if ("udp", "dropped") in self._faults:
-                    self._server.stream(now_ns, self._poses(), time.monotonic_ns)
+                    self._stream.stream(now_ns, self._poses(), time.monotonic_ns)
                 else:
                     shell.stream(now_ns, self._poses(), time.monotonic_ns)
             self._wheels.deliver()
@@ -110,7 +120,7 @@ class MockArena:
         poll.close()
 
     def _wait_s(self, device_ns: int | None) -> float:
-        due = [self._server.next_due_ns, self._batch_due_ns]
+        due = [self._stream.next_due_ns, self._batch_due_ns]
         if device_ns is not None:
             due.append(device_ns)
         return max(0.0, (min(due) - time.monotonic_ns()) / 1e9)
@@ -166,8 +176,11 @@ class MockArena:
             self._wheels.repair(name, kind)
 
     def _publish(self, now_ns: int) -> None:
+        """Of robots with a virtual body: where a tracked one is, the emulated wheels do not know."""
         for name in self._wheels.robots:
-            self._link.publish(self._link.keys.motor(name), self._wheels.batch(name, now_ns), "motor")
+            batch = self._wheels.batch(name, now_ns)
+            if name in self._bodies:
+                self._link.publish(self._link.keys.motor(name), batch, "motor")
 
 
 def follow(poll: select.epoll, before: set[int], now: set[int]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tomlkit
 
-from contract.arena import load, table_of
+from contract.arena import load, table_of, unused_sections
 from drivers.registry import wheel_faults
 from groundstation import demo, rig
 from groundstation.experiment import judged, outcome
@@ -30,7 +30,8 @@ class MockStage:
     def play(self, trial: Trial, folder: Path) -> Outcome:
         table = {**self._table, "control": dict(self._table["control"])}
         if trial.profile and trial.profile != table["control"]["profile"]:
-            table["control"] = {k: v for k, v in table["control"].items() if k not in ("field", "paper")}
+            unused = unused_sections(trial.profile)
+            table["control"] = {key: value for key, value in table["control"].items() if key not in unused}
             table["control"]["profile"] = trial.profile
         plain = {key: value for key, value in table.items() if not isinstance(value, dict)}
         (folder / ARENA).write_text(tomlkit.dumps(plain | table), encoding="utf-8")

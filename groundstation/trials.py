@@ -6,12 +6,12 @@ from typing import Annotated, Literal, NamedTuple
 
 from msgspec import Meta, Struct
 
+from contract import profiles
 from contract.arena import ArenaError
-from contract.tables import Fault, read_table
+from contract.tables import Fault, nearest, read_table, show
 
 Many = Annotated[int, Meta(ge=1, le=1000)]
 Seed = Annotated[int, Meta(ge=0, le=(1 << 32) - 1)]
-Profile = Literal["field", "paper"]
 Backend = Literal["lockstep", "mock", "robots"]
 
 
@@ -26,8 +26,8 @@ class Experiment(Struct, frozen=True, forbid_unknown_fields=True):
     robots: tuple[Many, ...] = ()
     """Numbers of robots; empty: those of the arena file."""
     targets: tuple[Many, ...] = (19,)
-    profiles: tuple[Profile, ...] = ()
-    """Empty: that of the arena file (``lockstep``: field)."""
+    profiles: tuple[str, ...] = ()
+    """Control profiles, ours or installed laws; empty: that of the arena file (``lockstep``: field)."""
     seeds: tuple[Seed, ...] = (1,)
     """Of the target clouds."""
     repetitions: Many = 1
@@ -90,6 +90,10 @@ def _cross_checks(experiment: Experiment, table: dict[str, object]) -> Iterator[
         values = getattr(experiment, key)
         if len(set(values)) < len(values):
             yield Fault(key, str(list(values)), "every value once; use repetitions to run the same again")
+    for index, profile in enumerate(experiment.profiles):
+        if profile not in (known := profiles.known()):
+            text = "needs one of " + ", ".join(known)
+            yield Fault(f"profiles[{index}]", show(profile), text, nearest(profile, known))
     for key in ("targets", "seeds"):
         if not getattr(experiment, key):
             yield Fault(key, "[]", "at least one value is needed")

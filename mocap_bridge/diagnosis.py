@@ -163,7 +163,8 @@ def _frames(seen: Evidence, arena: Arena) -> CheckResult:
 
 
 def _bodies(seen: Evidence, arena: Arena) -> CheckResult:
-    wanted = {robot.body: name for name, robot in arena.robots.items()}
+    virtual = arena.virtual_beside_tracked()
+    wanted = {robot.body: name for name, robot in arena.robots.items() if name not in virtual}
     doubled = sorted(wanted.keys() & seen.duplicate_names)
     if doubled:
         return _check("duplicate_name", "fail", f"two bodies are called {', '.join(doubled)}", "rename one in Motive")

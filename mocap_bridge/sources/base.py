@@ -1,9 +1,12 @@
 """What every source of poses delivers, and how the bridge drives it."""
 
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from mocap_bridge.natnet.frame import Body
+
+if TYPE_CHECKING:
+    import zenoh
 
 STEADY = "streaming"
 
@@ -58,3 +61,11 @@ class Source(Protocol):
     def status(self) -> SourceStatus: ...
 
     def close(self) -> None: ...
+
+
+@runtime_checkable
+class OnNetwork(Protocol):
+    """A source that also listens on the site's own network."""
+
+    def attach(self, session: "zenoh.Session") -> None:
+        """Subscribe to what it needs."""

@@ -14,10 +14,19 @@ class SourceError(ValueError):
 
 
 def open_source(arena: Arena) -> Source:
-    """Open ``mocap.source``.
+    """Open ``mocap.source``, with the virtual bodies where the arena has both kinds.
 
     :raises SourceError: unknown version, no such interface, group, server name or recording.
     """
+    tracked = _open_tracked(arena)
+    if not arena.virtual_beside_tracked():
+        return tracked
+    from mocap_bridge.sources.virtual import WithVirtual
+
+    return WithVirtual(arena, tracked)
+
+
+def _open_tracked(arena: Arena) -> Source:
     source = arena.mocap.source
     if source == "natnet":
         return open_natnet(arena)

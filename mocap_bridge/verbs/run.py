@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
 
     from mocap_bridge.bridge import NAME, Bridge
     from mocap_bridge.network import open_session
-    from mocap_bridge.sources.external import ExternalSource
+    from mocap_bridge.sources.base import OnNetwork
 
     if words := exposure((arena.link.router, *arena.link.listen), arena.link.keys):
         print(words, file=sys.stderr, flush=True)
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         source.close()
         return 1
     with session:
-        if isinstance(source, ExternalSource):
+        if isinstance(source, OnNetwork):
             source.attach(session)
         bridge = Bridge(arena, source, session, options.allow_replay)
         print(f"READY {NAME}", flush=True)

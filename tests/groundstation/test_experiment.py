@@ -44,6 +44,7 @@ def test_every_combination_is_a_trial_and_repetitions_come_whole() -> None:
         ('name = "a"\nrobots = [2, 2]', "every value once"),
         ('name = "a"\nrobots = [2]\nseeds = []', "at least one"),
         ('name = "A b"\nrobots = [2]', "name = "),
+        ('name = "a"\nrobots = [2]\nprofiles = ["feild"]', 'profiles[0] = "feild": needs one of field, paper'),
         ("name = ", "not TOML"),
     ],
 )

@@ -7,6 +7,7 @@ import tarfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import msgspec
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
@@ -202,8 +203,8 @@ KEYS = Keys(ARENA.arena.name)
 OF_ROBOTS = {name: [getattr(KEYS, kind)(name) for kind in ("state", "report", "steps", "feedback", "inputs", "log")]
              for name in ARENA.robots}  # fmt: skip
 OTHER = [
-    KEYS.mocap_frame, KEYS.mocap_health, KEYS.external, KEYS.heartbeat, KEYS.targets, KEYS.status, KEYS.seed,
-    KEYS.order, KEYS.stop, KEYS.log("station"), KEYS.log("mocap_bridge"), *map(KEYS.motor, ARENA.robots),
+    KEYS.mocap_frame, KEYS.mocap_health, KEYS.external, KEYS.virtual, KEYS.heartbeat, KEYS.targets, KEYS.status,
+    KEYS.seed, KEYS.order, KEYS.stop, KEYS.log("station"), KEYS.log("mocap_bridge"), *map(KEYS.motor, ARENA.robots),
 ]  # fmt: skip
 EVERY = [*OTHER, *(key for keys_of in OF_ROBOTS.values() for key in keys_of)]
 SAYS = {
@@ -214,7 +215,7 @@ SAYS = {
     "operator": {KEYS.seed, KEYS.order, KEYS.stop},
     "bridge": {KEYS.mocap_frame, KEYS.mocap_health, KEYS.log("mocap_bridge")},
     "external": {KEYS.external},
-    "mock": set(map(KEYS.motor, ARENA.robots)),
+    "mock": {KEYS.virtual, *map(KEYS.motor, ARENA.robots)},
     **{name: set(own) for name, own in OF_ROBOTS.items()},
 }  # fmt: skip
 
@@ -236,6 +237,19 @@ def test_what_a_robot_subscribes_to_it_may_hear() -> None:
 
     for key in (*subscriptions(ARENA), *map(KEYS.state, ARENA.robots)):
         assert all(covers(access.leaves(ARENA)[name].hears, key) for name in ARENA.robots)
+
+
+def test_virtual_bodies_hear_the_wheels_they_roll_on_and_reach_the_bridge() -> None:
+    robots = {
+        name: msgspec.structs.replace(robot, emulate=emulate)
+        for (name, robot), emulate in zip(
+            ARENA.robots.items(), [("body",), ("wheels", "body"), ("wheels",), (), (), ()], strict=True
+        )
+    }
+    found = access.leaves(msgspec.structs.replace(ARENA, robots=robots))
+    assert {key for key in EVERY if covers(found["mock"].hears, key)} == {KEYS.feedback(next(iter(robots)))}
+    assert covers(found["mock"].says, KEYS.virtual)
+    assert covers(found["bridge"].hears, KEYS.virtual)
 
 
 def test_who_is_not_in_the_register_is_in_no_rule() -> None:

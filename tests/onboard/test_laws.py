@@ -1,5 +1,6 @@
 """A law of another distribution: found by its entry point, kept within the supervisor's limits, whatever it says."""
 
+import csv
 import math
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 
 from contract.arena import ArenaError, digest, parse, table_of
+from groundstation import cli
 from groundstation.emulated import MockArena
 from onboard.ahdc.parameters import Vector
 from onboard.ahdc.view import Goal, View
@@ -91,6 +93,16 @@ def test_a_file_with_it_is_checked_like_any_other() -> None:
         parse(with_control(profile="straight", paper={}), "test")
     with pytest.raises(ArenaError, match=r'control\.law.*not used by profile "field"'):
         parse(with_control(law={}), "test")
+
+
+def test_an_experiment_compares_it_with_ours(tmp_path: Path) -> None:
+    file = tmp_path / "laws.toml"
+    file.write_text('name = "laws"\nrobots = [2]\ntargets = [1]\nprofiles = ["field", "straight"]\n')
+    assert cli.main(["experiment", str(file), "--out", str(tmp_path / "out")]) == 0
+    with (tmp_path / "out" / "trials.csv").open() as table:
+        assert {row["profile"]: row["ending"] for row in csv.DictReader(table)} == dict.fromkeys(
+            ("field", "straight"), "completed"
+        )
 
 
 def test_what_cannot_be_loaded_is_named() -> None:
