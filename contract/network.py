@@ -52,6 +52,8 @@ class Qos(NamedTuple):
 
 
 _POSES = Qos("REAL_TIME", "DROP", "BEST_EFFORT", True)
+_BEATS = Qos("REAL_TIME", "DROP", "BEST_EFFORT", True)
+"""Twenty a second, each worth the ones before: a lost one costs nothing, one that waits for its repetition seconds."""
 _SAFETY = Qos("REAL_TIME", "DROP", "RELIABLE", True)
 _NEIGHBOURS = Qos("DATA_HIGH", "DROP", "BEST_EFFORT", True)
 _ORDERS = Qos("INTERACTIVE_HIGH", "DROP", "RELIABLE", True)
@@ -65,7 +67,7 @@ QOS: Mapping[str, Qos] = MappingProxyType(
         "mocap_health": _STATUS,
         "external": _POSES,
         "virtual": _POSES,
-        "heartbeat": _SAFETY,
+        "heartbeat": _BEATS,
         "stop": _SAFETY,
         "targets": _ORDERS,
         "seed": _ORDERS,

@@ -46,6 +46,8 @@ REPORT_PERIOD_NS = 100_000_000
 STALL_NS = 50_000_000
 """Repeated or overtaken frames are no fault while new ones come in between."""
 DUPLICATE_WINDOW_NS = 2_000_000_000
+STATE_AGE_NS = 2_000_000_000
+"""What a neighbour said longer ago is refused like a lost message, whoever held it back."""
 MAX_BATCH = 64
 MAX_RIM_MPS = 20.0
 """A measured rim speed above this, or one that is not a number, is a fault of the telemetry."""
@@ -84,6 +86,8 @@ class Agent:
         self._tolerance_ns = round(arena.safety.clock_tolerance_s * 1e9)
         self._past_sessions: set[int] = set()
         self._past_missions: set[str] = set()
+        self._waiting_targets: TargetCloud | None = None
+        """Of a mission that the station has not named yet."""
         law = installed_law(robot, parameters, arena.control.law, self.refuse)
         self.controller = Controller(robot, boot, parameters, self.pacing.period_s, unicycle.steer, unicycle.rims, law)
         self._parameters = parameters
@@ -145,6 +149,8 @@ class Agent:
             case StationHeartbeat():
                 self.supervisor.heartbeat(message, now_ns)
                 self.controller.exclude(self.supervisor.excluded)
+                if self._waiting_targets and self._waiting_targets.mission == self.supervisor.mission:
+                    self._on_targets(self._waiting_targets)
             case StopRequest():
                 self.supervisor.stop_request(message, now_ns)
             case TargetCloud():
@@ -313,7 +319,7 @@ class Agent:
             self._advancing = now_ns - self._frame_arrival_ns <= STALL_NS
             return False
         if last is not None and frame.session != last.session:
-            if frame.session in self._past_sessions:
+            if frame.session in self._past_sessions or frame.publish_ns < last.publish_ns:
                 self.refuse("frame of an earlier session")
                 return False
             self._past_sessions.add(last.session)
@@ -350,10 +356,16 @@ class Agent:
         return found
 
     def _on_targets(self, cloud: TargetCloud) -> None:
-        """An earlier mission's targets are a replay, unless the station is back at that mission."""
-        if cloud.mission in self._past_missions and cloud.mission != self.supervisor.mission:
+        """An earlier mission's targets are a replay; unknown ones wait until the station names their mission."""
+        named = self.supervisor.mission
+        if cloud.mission != named and cloud.mission in self._past_missions:
             self.refuse("targets of an earlier mission")
             return
+        if cloud.mission != named and named and self.sensing.mission == named:
+            self.refuse("targets ahead of their mission")
+            self._waiting_targets = cloud
+            return
+        self._waiting_targets = None
         before = self.sensing.mission
         if self.sensing.cloud(cloud):
             self._past_missions.add(before)
@@ -370,6 +382,8 @@ class Agent:
             self.refuse("state of a robot that is not in the arena file")
         elif state.stamp_ns > now_ns + self._tolerance_ns:
             self.refuse("state ahead of its time")
+        elif now_ns - state.stamp_ns > STATE_AGE_NS:
+            self.refuse("state too old")
         elif self.sensing.state(state, now_ns) and not self._going_home:
             mine = tuple(message for message in state.mail if message.to == self.robot)
             self.controller.hear_mail(state.robot, mine, now_ns * 1e-9)

@@ -82,6 +82,8 @@ class Supervisor:
         self._safety = arena.safety
         self._hash = digest(arena)
         self._station_boot = -1
+        self._past_boots: set[int] = set()
+        """Of stations that another has taken over from since."""
         self._seq = -1
         self._seen_order = -1
         self._station_ns = 0

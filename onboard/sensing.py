@@ -122,7 +122,7 @@ class Sensing:
             if state.boot == last.boot:
                 replayed = state.seq <= last.seq
             else:
-                replayed = (state.robot, state.boot) in self._retired
+                replayed = (state.robot, state.boot) in self._retired or state.stamp_ns < last.stamp_ns
                 if not replayed:
                     self._retired.add((state.robot, last.boot))
             if replayed:

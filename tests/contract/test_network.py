@@ -34,7 +34,8 @@ def test_every_channel_has_a_quality_of_service() -> None:
 
 def test_no_channel_blocks_its_sender() -> None:
     assert {qos.congestion for qos in network.QOS.values()} == {"DROP"}
-    assert all(network.QOS[name].reliability == "RELIABLE" for name in ("stop", "heartbeat", "targets"))
+    assert all(network.QOS[name].reliability == "RELIABLE" for name in ("stop", "targets"))
+    assert network.QOS["heartbeat"].reliability == "BEST_EFFORT", "told anew every 50 ms: it never waits for a lost one"
 
 
 def test_names_are_members_of_zenoh() -> None:

@@ -4,10 +4,27 @@ named in the report. STOP alone is obeyed whatever its age."""
 import msgspec
 import pytest
 
-from contract.messages import RobotReport, StationHeartbeat, StopRequest, Target, TargetCloud
+from contract.arena import load
+from contract.keys import Keys
+from contract.messages import (
+    Message,
+    MocapFrame,
+    NeighbourState,
+    RobotReport,
+    StationHeartbeat,
+    StopRequest,
+    Target,
+    TargetCloud,
+)
+from groundstation import rig
+from onboard.agent import STATE_AGE_NS
+from onboard.runtime import subscriptions
 from onboard.sensing import Sensing
 from tests.onboard.samples import state
 from tests.onboard.test_agent import MS, Stage
+
+ARENA = load(rig.find_arena("bench2"))
+KEYS = Keys(ARENA.arena.name)
 
 
 def running(**others: tuple[float, float]) -> Stage:
@@ -54,6 +71,21 @@ def test_another_stations_old_or_early_heartbeat_takes_nothing_over(age_ms: int)
     assert counters(stage)["heartbeat replayed"] == 1
 
 
+def test_the_last_heartbeat_of_a_station_taken_over_from_takes_nothing_back() -> None:
+    """It is young enough, but came by a slower way than the new station's first."""
+    stage = running()
+    late = msgspec.structs.replace(stage.heartbeat(), seq=10**6, order_id=99)
+    stage.now_ns += 1 * MS
+    new = msgspec.structs.replace(late, boot=late.boot + 1, seq=1, order="disarm", order_id=1, stamp_ns=stage.now_ns)
+    stage.agent.receive(new, stage.now_ns)
+    assert stage.agent.run_state == "disarmed"
+    stage.agent.receive(late, stage.now_ns + 40 * MS)
+    again = msgspec.structs.replace(new, seq=2, order="arm", order_id=2, stamp_ns=stage.now_ns + 50 * MS)
+    stage.agent.receive(again, stage.now_ns + 50 * MS)
+    assert stage.agent.supervisor.order_id == 2, "the new station is still the one that is obeyed"
+    assert stage.agent.supervisor.ignored_heartbeats == 1
+
+
 @pytest.mark.parametrize("age_s", [0, 10, 86_400])
 @pytest.mark.parametrize("by", ["request", "heartbeat"])
 def test_stop_is_obeyed_whatever_its_age_and_number(age_s: int, by: str) -> None:
@@ -84,6 +116,29 @@ def test_frames_of_an_earlier_session_are_refused_and_the_new_one_goes_on() -> N
     assert stage.agent._frame == after
 
 
+def test_a_frame_of_a_session_never_heard_is_refused_if_it_was_published_before_the_last() -> None:
+    stage = running()
+    old = msgspec.structs.replace(stage.mocap(True), session=77, frame=10**6, publish_ns=stage.now_ns - 10_000 * MS)
+    assert not stage.agent.receive(old, stage.now_ns)
+    assert stage.agent.counters["frame of an earlier session"] == 1
+    stage.run(3)
+    assert stage.agent.counters == {"frame of an earlier session": 1}, "the session that goes on is not shut out by it"
+
+
+def test_targets_that_nobody_has_named_wait_and_those_of_the_mission_stay() -> None:
+    """Recorded before this robot was started, or sent ahead of the heartbeat that names their mission."""
+    stage = running()
+    target = (Target(index=0, x_m=1.2, y_m=0.5),)
+    stage.agent.receive(msgspec.structs.replace(stage.heartbeat(), seq=10**6, mission="m"), stage.now_ns)
+    stage.agent.receive(TargetCloud(mission="m", targets=target), stage.now_ns)
+    for unknown in ("of-yesterday", "m.2"):
+        stage.agent.receive(TargetCloud(mission=unknown, targets=target), stage.now_ns)
+        assert stage.agent.sensing.mission == "m"
+    assert stage.agent.counters["targets ahead of their mission"] == 2
+    stage.agent.receive(msgspec.structs.replace(stage.heartbeat(), seq=10**6 + 1, mission="m.2"), stage.now_ns)
+    assert stage.agent.sensing.mission == "m.2"
+
+
 def test_an_earlier_missions_targets_are_refused_unless_the_station_is_back_at_it() -> None:
     stage = running()
     first = TargetCloud(mission="m", targets=(Target(index=0, x_m=1.2, y_m=0.5),))
@@ -108,6 +163,33 @@ def test_states_repeated_overtaken_or_of_an_earlier_boot_are_refused() -> None:
     for boot, seq, taken in news:
         assert sensing.state(state("r02", boot=boot, seq=seq), 0) == taken, (boot, seq)
     assert sensing.replayed == sum(not taken for _, _, taken in news)
+
+
+def test_a_state_of_a_boot_never_heard_is_refused_if_it_is_older_than_the_last() -> None:
+    stage = running(r02=(0.9, 0.5))
+    now_ns = stage.now_ns
+    for boot, seq, age_ms, taken in ((5, 1, 10, True), (4, 999, 400, False), (5, 2, 5, True), (6, 0, 1, True)):
+        stage.agent.receive(state("r02", 0.9, 0.5, boot=boot, seq=seq, stamp_ns=now_ns - age_ms * MS), now_ns)
+        known = stage.agent.sensing._heard["r02"][0]
+        assert ((known.boot, known.seq) == (boot, seq)) == taken
+    assert counters(stage)["state replayed"] == 1
+
+
+def test_a_state_held_back_too_long_counts_as_lost() -> None:
+    stage = running(r02=(0.9, 0.5))
+    now_ns = stage.now_ns + 10**10
+    for seq, age_ns in ((1, STATE_AGE_NS), (2, STATE_AGE_NS + 1)):
+        stage.agent.receive(state("r02", 0.9, 0.5, boot=5, seq=seq, stamp_ns=now_ns - age_ns), now_ns)
+    assert stage.agent.sensing._heard["r02"][0].seq == 1
+    assert stage.agent.counters["state too old"] == 1
+
+
+@pytest.mark.parametrize("message", [StopRequest, StationHeartbeat, MocapFrame, NeighbourState, TargetCloud])
+def test_no_kind_of_message_that_a_robot_hears_is_left_out_above(message: type[Message]) -> None:
+    """What a robot subscribes to is what its replay is tested of."""
+    heard = {KEYS.kind(key) for key in (*subscriptions(ARENA), KEYS.state("r06"))}
+    assert message in heard
+    assert len(heard) == 5
 
 
 def test_a_state_stamped_ahead_of_its_time_is_refused_and_named() -> None:
