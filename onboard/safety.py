@@ -104,12 +104,15 @@ class Supervisor:
         newcomer = message.boot != self._station_boot
         age_ns = now_ns - message.stamp_ns
         late = age_ns > self._safety.heartbeat_timeout_s * 1e9 or age_ns < -round(self._safety.clock_tolerance_s * 1e9)
-        if late or (not newcomer and message.seq <= self._seq):
+        replayed = message.boot in self._past_boots if newcomer else message.seq <= self._seq
+        if late or replayed:
             self.ignored_heartbeats += 1
             return
         self._station_boot, self._seq = message.boot, message.seq
         self.excluded = frozenset(message.excluded)
         self.mission = message.mission
+        if newcomer and self._station_boot >= 0:
+            self._past_boots.add(self._station_boot)
         self._station_ns = min(message.stamp_ns, now_ns)
         self._mismatch = self._difference(message)
         if newcomer:
