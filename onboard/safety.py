@@ -108,11 +108,11 @@ class Supervisor:
         if late or replayed:
             self.ignored_heartbeats += 1
             return
+        if newcomer and self._station_boot >= 0:
+            self._past_boots.add(self._station_boot)
         self._station_boot, self._seq = message.boot, message.seq
         self.excluded = frozenset(message.excluded)
         self.mission = message.mission
-        if newcomer and self._station_boot >= 0:
-            self._past_boots.add(self._station_boot)
         self._station_ns = min(message.stamp_ns, now_ns)
         self._mismatch = self._difference(message)
         if newcomer:
