@@ -6,9 +6,9 @@ A step is what a robot does 100 times a second: both wheel speeds out, telemetry
 Bare: the same bytes by ``pyserial`` (write, write, ``in_waiting``, read), or the same frames by ``python-can``'s
 slcan bus (send each, receive until empty); nothing is decoded or checked. So the serial sides make equally many
 writes and reads of equal bytes: the setpoint, the request, one read of all that came. Both run on ptys whose
-other end is the emulated controller in virtual time, outside the timing. Blocks alternate. ``CPU``: thread
-time of the step.
-``wire``: from the call to the setpoint's last byte being readable at the other end. Ratios of one run compare.
+other end is the emulated controller in virtual time, outside the timing. ``CPU``: thread time of the step. ``wire``:
+from the call to the setpoint's last byte being readable at the other end. Blocks of the two sides alternate; a ratio
+is the median over adjacent blocks of the ratio of their medians. The collector is set as a robot's process sets it.
 """
 
 import argparse
@@ -20,7 +20,7 @@ import time
 import tty
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import can
 import serial
@@ -34,9 +34,11 @@ from drivers.gated import GatedDrive
 from drivers.mock.host import EmulatedRobot
 from drivers.registry import FAMILIES, Family, open_robot
 from drivers.serial.port import SerialPort
+from onboard.service import quiet
 
 PERIOD_NS = 10_000_000
 BLOCK = 50
+MIN_BLOCKS = 5
 ROBOT = "r01"
 SPEEDS = WheelSpeeds(3.0, -2.0)
 
@@ -165,22 +167,30 @@ def measure(family: Family, steps: int) -> dict[str, float]:
     setpoint, question = recorded(rig, drive)
     is_serial = family.port_key == "port"
     sides = (ours(rig, drive), bare_serial(other, setpoint, question) if is_serial else bare_can(other, setpoint))
-    found: tuple[list[tuple[float, float]], list[tuple[float, float]]] = ([], [])
-    for _ in range(max(1, steps // BLOCK)):
-        for side, results in zip(sides, found, strict=True):
-            results += [side() for _ in range(BLOCK)]
+    blocks = [[medians(side) for side in sides] for _ in range(max(MIN_BLOCKS, steps // BLOCK))]
     drive.close()
-    (cpu, wire), (bare_cpu, bare_wire) = (
-        [statistics.median(column) for column in zip(*results, strict=True)] for results in found
-    )
+    median = statistics.median
     return {
-        "cpu_us": cpu,
-        "bare_cpu_us": bare_cpu,
-        "cpu_ratio": cpu / bare_cpu,
-        "wire_us": wire,
-        "bare_wire_us": bare_wire,
-        "wire_ratio": wire / bare_wire,
+        "blocks": len(blocks),
+        "cpu_us": median(ours.cpu_us for ours, _ in blocks),
+        "bare_cpu_us": median(bare.cpu_us for _, bare in blocks),
+        "cpu_ratio": median(ours.cpu_us / bare.cpu_us for ours, bare in blocks),
+        "wire_us": median(ours.wire_us for ours, _ in blocks),
+        "bare_wire_us": median(bare.wire_us for _, bare in blocks),
+        "wire_ratio": median(ours.wire_us / bare.wire_us for ours, bare in blocks),
     }
+
+
+class Cost(NamedTuple):
+    """Of a step."""
+
+    cpu_us: float
+    wire_us: float
+
+
+def medians(step: Callable[[], tuple[float, float]]) -> Cost:
+    """Of one block."""
+    return Cost(*map(statistics.median, zip(*(step() for _ in range(BLOCK)), strict=True)))
 
 
 def main() -> int:
@@ -188,6 +198,7 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=1000, help="of each side and family (default 1000)")
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args()
+    quiet()
     results = {family.kind: measure(family, args.steps) for family in FAMILIES}
     print(f"{'family':<12} {'CPU us':>8} {'bare':>8} {'ratio':>6}   {'wire us':>8} {'bare':>8} {'ratio':>6}")
     for kind, row in results.items():

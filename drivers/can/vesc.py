@@ -6,6 +6,7 @@ Status messages 1 and 5 are off by default and carry no fault code. The time-out
 Tool; ``watchdog_s`` states it.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -68,9 +69,9 @@ def motor_of(name: str, device: int, pole_pairs: int, gear_ratio: float, inverte
 def rounded_erpm(motor: WheelMotor, radps: float, min_erpm: float) -> int | None:
     """Setpoint in electrical rpm; None where the controller would apply no current."""
     erpm = motor.speed.to_device(radps)
-    if abs(erpm) < max(min_erpm, 0.5):
+    if -min_erpm < erpm < min_erpm or -0.5 < erpm < 0.5:
         return None
-    return round(max(-2e9, min(2e9, erpm)))
+    return round(erpm) if -2e9 <= erpm <= 2e9 else round(math.copysign(2e9, erpm))
 
 
 class Drive(CanDrive[Options, WheelMotor]):

@@ -96,8 +96,7 @@ class Drive(SerialDrive[Options]):
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         if not self.active:
             speeds = STANDSTILL
-        left, right = speeds
-        left, right = saturate(left * self._left_ticks, right * self._right_ticks, codec.MAX_TICKS)
+        left, right = saturate(speeds[0] * self._left_ticks, speeds[1] * self._right_ticks, codec.MAX_TICKS)
         self.line.send(codec.motor_speeds(round(left), round(right)))
 
     def poll(self, now_ns: int) -> None:
@@ -124,7 +123,7 @@ class Drive(SerialDrive[Options]):
             return False
         if self._last is not None and self._history:
             bound = self._jump_per_s * ((now_ns - self._history[-1][0]) * 1e-9 + 0.1)
-            if abs(_wrapped(left - self._last[0])) > bound or abs(_wrapped(right - self._last[1])) > bound:
+            if _far(left - self._last[0], bound) or _far(right - self._last[1], bound):
                 self.line.counters["implausible_jump"] += 1
                 return False
         self._last = (left, right)
@@ -135,5 +134,6 @@ class Drive(SerialDrive[Options]):
         return True
 
 
-def _wrapped(delta: int) -> int:
-    return (delta + (1 << 31)) % (1 << 32) - (1 << 31)
+def _far(delta: int, bound: float) -> bool:
+    """Further than ``bound`` either way, 32-bit counters wrapped."""
+    return not -bound <= delta <= bound and not -bound <= (delta + (1 << 31)) % (1 << 32) - (1 << 31) <= bound

@@ -34,19 +34,22 @@ class LineReader:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[tuple[int, int]]:
-        *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        buffer = self._rest + data
+        lines = buffer.splitlines()
+        rest = lines.pop() if buffer and buffer[-1] not in b"\r\n" else b""
         if len(rest) > MAX_LINE:
             self.counters["garbage_line"] += 1
             rest = b""
         self._rest = rest
         pairs = []
         for line in lines:
+            if line == b"OK" or not line:
+                continue
             match = _PAIR.fullmatch(line)
             if match:
                 left, right = int(match[1]), int(match[2])
-                if min(left, right) >= -(2**31) and max(left, right) < 2**31:
+                if -(2**31) <= left < 2**31 and -(2**31) <= right < 2**31:
                     pairs.append((left, right))
                     continue
-            if line and line != b"OK":
-                self.counters["refused_command" if line == b"Invalid Command" else "garbage_line"] += 1
+            self.counters["refused_command" if line == b"Invalid Command" else "garbage_line"] += 1
         return pairs

@@ -6,10 +6,11 @@ little-endian; length counts everything after itself; the CRC (poly 0x8005, star
 reflected) covers the whole packet. Within instruction and parameters FF FF FD becomes FF FF FD FD.
 """
 
-import functools
 import struct
 from collections import Counter
 from collections.abc import Sequence
+
+from fastcrc.crc16 import umts as crc16
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -18,43 +19,10 @@ SYNC_READ, SYNC_WRITE = 0x82, 0x83
 MAX_LENGTH = 250
 ALERT = 0x80
 """Bit of a status packet's error byte: look at the hardware error register."""
-ERROR_NAMES = {1: "result fail", 2: "instruction", 3: "crc", 4: "data range", 5: "data length", 6: "limit", 7: "access"}
-
-
-def _crc_tables() -> list[list[int]]:
-    """CRC of each byte followed by 0 ... 7 zeros."""
-    first = []
-    for index in range(256):
-        value = index << 8
-        for _ in range(8):
-            value = (value << 1) ^ (0x8005 if value & 0x8000 else 0)
-        first.append(value & 0xFFFF)
-    tables = [first]
-    for _ in range(7):
-        tables.append([(value << 8 & 0xFF00) ^ first[value >> 8] for value in tables[-1]])
-    return tables
-
-
-_T0, _T1, _T2, _T3, _T4, _T5, _T6, _T7 = _crc_tables()
-_EIGHT = struct.Struct("8B")
-
-
-def crc16(data: bytes, value: int = 0) -> int:
-    """Eight bytes at a time.
-
-    :param value: of the bytes before ``data``.
-    """
-    whole = len(data) & ~7
-    for a, b, c, d, e, f, g, h in _EIGHT.iter_unpack(data[:whole]):
-        value = _T7[a ^ value >> 8] ^ _T6[b ^ value & 0xFF] ^ _T5[c] ^ _T4[d] ^ _T3[e] ^ _T2[f] ^ _T1[g] ^ _T0[h]
-    for byte in data[whole:]:
-        value = (value << 8 & 0xFF00) ^ _T0[value >> 8 ^ byte]
-    return value
-
-
-_crc_of_head = functools.lru_cache(maxsize=64)(crc16)
-"""What comes before the data is the same in every reply."""
 HEAD_BYTES = 9
+"""Of a status packet, up to its error byte."""
+_STUFFED = b"\xff\xff\xfd\xfd"
+ERROR_NAMES = {1: "result fail", 2: "instruction", 3: "crc", 4: "data range", 5: "data length", 6: "limit", 7: "access"}
 
 
 def packet(device: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -83,13 +51,12 @@ def sync_write(address: int, length: int, values: Sequence[tuple[int, bytes]]) -
 
 
 class GoalWriter:
-    """:func:`sync_write` of one i32 register of two devices; what never changes is checksummed once."""
+    """:func:`sync_write` of one i32 register of two devices; what never changes is packed once."""
 
     def __init__(self, address: int, left: int, right: int) -> None:
         self._address = address
         self._devices = (left, right)
         self._head = HEADER + struct.pack("<BHBHH", BROADCAST, 17, SYNC_WRITE, address, 4)
-        self._crc = crc16(self._head)
         self._pack = struct.Struct("<BiBi").pack
 
     def packet(self, left: int, right: int) -> bytes:
@@ -99,7 +66,8 @@ class GoalWriter:
         if b"\xff\xff\xfd" in tail:
             values = [(first, tail[1:5]), (second, tail[6:])]
             return sync_write(self._address, 4, values)
-        return self._head + tail + crc16(tail, self._crc).to_bytes(2, "little")
+        whole = self._head + tail
+        return whole + crc16(whole).to_bytes(2, "little")
 
 
 Status = tuple[int, int, bytes]
@@ -140,13 +108,14 @@ class PacketReader:
             end = at + 7 + length
             if size < end:
                 break
-            body = buffer[at + HEAD_BYTES : end - 2]
-            if crc16(body, _crc_of_head(buffer[at : at + HEAD_BYTES])) != buffer[end - 2] | buffer[end - 1] << 8:
+            if crc16(buffer[at : end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
                 self.counters["bad_crc"] += 1
                 at += 4
                 continue
             if buffer[at + 7] == STATUS:
-                body = body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+                body = buffer[at + HEAD_BYTES : end - 2]
+                if _STUFFED in body:
+                    body = body.replace(_STUFFED, b"\xff\xff\xfd")
                 packets.append((buffer[at + 4], buffer[at + 8], body))
             else:
                 self.counters["not_status"] += 1

@@ -64,6 +64,8 @@ class Drive(SerialDrive[Options]):
         self._right = WheelScale.of(counts, gear, options.right_inverted)
         self._left_odometer = Odometer(self._left, 32)
         self._right_odometer = Odometer(self._right, 32)
+        self._left_units, self._right_units = self._left.units_per_rad, self._right.units_per_rad
+        self._address = options.address
         self._swapped = options.left == 2
         self._position: tuple[float, float] | None = None
         self._speed: tuple[float, float] | None = None
@@ -108,10 +110,10 @@ class Drive(SerialDrive[Options]):
         if not self.active:
             self._release(now_ns)
             return
-        left, right = speeds
-        left, right = saturate(left * self._left.units_per_rad, right * self._right.units_per_rad, SPEED_LIMIT_QPPS)
-        m1, m2 = (right, left) if self._swapped else (left, right)
-        if self.line.send(codec.speed_both(self.options.address, round(m1), round(m2))):
+        m1, m2 = saturate(speeds[0] * self._left_units, speeds[1] * self._right_units, SPEED_LIMIT_QPPS)
+        if self._swapped:
+            m1, m2 = m2, m1
+        if self.line.send(codec.speed_both(self._address, round(m1), round(m2))):
             self._replies.expect(now_ns, codec.SPEED_BOTH)
 
     def poll(self, now_ns: int) -> None:
@@ -136,7 +138,7 @@ class Drive(SerialDrive[Options]):
                     left, right = right, left
                 self._position = self._left_odometer.update(left), self._right_odometer.update(right)
             elif command == codec.GET_SPEEDS:
-                self._take_speeds(*codec.decode_speeds(data))
+                self._take_speeds(data)
             else:
                 self._take(command, data)
         if self._position is None or self._speed is None:
@@ -199,9 +201,11 @@ class Drive(SerialDrive[Options]):
         if self.line.send(packet):
             self._replies.expect(now_ns, command)
 
-    def _take_speeds(self, m1_qpps: int, m2_qpps: int) -> None:
-        left, right = (m2_qpps, m1_qpps) if self._swapped else (m1_qpps, m2_qpps)
-        left_radps, right_radps = left / self._left.units_per_rad, right / self._right.units_per_rad
+    def _take_speeds(self, data: bytes) -> None:
+        left, right = codec.decode_speeds(data)
+        if self._swapped:
+            left, right = right, left
+        left_radps, right_radps = left / self._left_units, right / self._right_units
         if -MAX_RADPS <= left_radps <= MAX_RADPS and -MAX_RADPS <= right_radps <= MAX_RADPS:
             self._speed = left_radps, right_radps
         else:

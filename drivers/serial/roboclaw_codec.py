@@ -14,6 +14,7 @@ import re
 import struct
 from binascii import crc_hqx
 from collections import Counter, deque
+from collections.abc import Callable
 
 SET_TIMEOUT = 14
 GET_TIMEOUT = 15
@@ -53,8 +54,7 @@ STATUS_NAMES = {
 
 _SPEEDS = struct.Struct(">BBii")
 _CRC = struct.Struct(">H")
-_TWO_SIGNED = struct.Struct(">ii")
-_TWO_UNSIGNED = struct.Struct(">II")
+Decoder = Callable[[bytes], tuple[int, ...]]
 
 
 def write_packet(address: int, command: int, data: bytes = b"") -> bytes:
@@ -82,16 +82,10 @@ def set_timeout(address: int, tenths: int) -> bytes:
     return write_packet(address, SET_TIMEOUT, bytes((tenths,)))
 
 
-def decode_encoders(data: bytes) -> tuple[int, int]:
-    """Command 78: both 32-bit counters, which wrap."""
-    first, second = _TWO_UNSIGNED.unpack(data)
-    return first, second
-
-
-def decode_speeds(data: bytes) -> tuple[int, int]:
-    """Command 79: pulses per second, signed."""
-    first, second = _TWO_SIGNED.unpack(data)
-    return first, second
+decode_encoders: Decoder = struct.Struct(">II").unpack
+"""Command 78: both 32-bit counters, which wrap."""
+decode_speeds: Decoder = struct.Struct(">ii").unpack
+"""Command 79: pulses per second, signed."""
 
 
 def decode_battery(data: bytes) -> float:
@@ -152,11 +146,12 @@ class Replies:
 
     def expect(self, now_ns: int, *commands: int) -> None:
         """Packets were sent; commands without an entry in ``REPLY_BYTES`` are acknowledged writes."""
-        for command in commands:
-            if now_ns >= self._quiet_until_ns:
+        if now_ns >= self._quiet_until_ns:
+            for command in commands:
                 self._pending.append((command, now_ns))
-            elif command not in self._seeds:
-                self._late_acks = min(self._late_acks + 1, 8)
+            return
+        writes = sum(command not in self._seeds for command in commands)
+        self._late_acks = min(self._late_acks + writes, 8)
 
     def feed(self, data: bytes, now_ns: int) -> list[Reply]:
         """Replies completed by ``data``."""
@@ -169,18 +164,18 @@ class Replies:
         at, size = 0, len(buffer)
         while pending and at < size:
             command = pending[0][0]
-            if command not in self._seeds:
+            seed = self._seeds.get(command)
+            if seed is None:
                 if buffer[at] != ACK:
                     self._resynchronise("bad_ack", now_ns)
                     return replies
                 end, body = at + 1, b""
             else:
-                last = at + (REPLY_BYTES.get(command) or _version_bytes(buffer, at))
-                end = last + 2
+                end = at + (REPLY_BYTES.get(command) or _version_bytes(buffer, at)) + 2
                 if size < end:
                     break
-                body = buffer[at:last]
-                if crc_hqx(body, self._seeds[command]) != buffer[last] << 8 | buffer[last + 1]:
+                body = buffer[at : end - 2]
+                if crc_hqx(buffer[at:end], seed):
                     if self._late_acks and buffer[at] == ACK:
                         self._late_acks -= 1
                         self.counters["late_ack"] += 1

@@ -9,7 +9,6 @@ by COMM_FORWARD_CAN.
 import struct
 from binascii import crc_hqx
 from collections import Counter
-from typing import NamedTuple
 
 SET_CURRENT, SET_BRAKE, SET_RPM = 6, 7, 8
 FORWARD_CAN = 34
@@ -32,14 +31,8 @@ _TAIL = struct.Struct(">HB")
 _VALUES = struct.Struct(">BIihiBB")
 
 
-class Values(NamedTuple):
-    """Electrical rpm, V, tachometer steps (6 an electrical turn), fault code, controller id."""
-
-    erpm: int
-    volts: float
-    tachometer: int
-    fault: int
-    device: int
+Values = tuple[int, float, int, int, int]
+"""Electrical rpm, V, tachometer steps (6 an electrical turn), fault code, controller id."""
 
 
 def packet(payload: bytes) -> bytes:
@@ -75,7 +68,7 @@ def decode_values(payload: bytes) -> Values | None:
     number, mask, erpm, decivolts, tachometer, fault, device = _VALUES.unpack(payload)
     if number != GET_VALUES_SELECTIVE or mask != MASK:
         return None
-    return Values(erpm, decivolts / 10.0, tachometer, fault, device)
+    return erpm, decivolts / 10.0, tachometer, fault, device
 
 
 def _forwarded(payload: bytes, device: int | None) -> bytes:
@@ -114,12 +107,11 @@ class PacketReader:
             end = body + length
             if size < end + 3:
                 break
-            payload = buffer[body:end]
-            if buffer[end : end + 3] != _TAIL.pack(crc_hqx(payload, 0), 3):
+            if crc_hqx(buffer[body : end + 2], 0) or buffer[end + 2] != 3:
                 self.counters["bad_crc"] += 1
                 at += 1
                 continue
             at = end + 3
-            payloads.append(payload)
+            payloads.append(buffer[body:end])
         self._buffer = buffer[at:]
         return payloads

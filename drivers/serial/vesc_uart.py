@@ -160,14 +160,15 @@ class Drive(SerialDrive[Options]):
         values = codec.decode_values(payload)
         if values is None:
             return "unused_packet"
-        motor = self._by_id.get(values.device)
+        erpm, volts, tachometer, fault, device = values
+        motor = self._by_id.get(device)
         if motor is None:
             return "foreign_packet"
-        if not 0.0 <= values.volts <= 100.0:
+        if not 0.0 <= volts <= 100.0:
             return "bad_values"
-        refusal = motor.take_speed(values.erpm)
+        refusal = motor.take_speed(erpm)
         if not refusal:
-            motor.take_position(values.tachometer)
-            self.bus_v = values.volts
-            self._codes[motor.device] = values.fault
+            motor.take_position(tachometer)
+            self.bus_v = volts
+            self._codes[device] = fault
         return refusal

@@ -27,7 +27,7 @@ def test_golden_packets(data: bytes, golden: str) -> None:
 
 
 def test_golden_values() -> None:
-    assert codec.decode_values(REPLY) == codec.Values(-3000, 24.0, -6, 0, 11)
+    assert codec.decode_values(REPLY) == (-3000, 24.0, -6, 0, 11)
     assert codec.decode_values(REPLY[:-1]) is None
     assert codec.decode_values(b"\x04" + REPLY[1:]) is None
 

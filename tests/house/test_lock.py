@@ -65,5 +65,5 @@ def test_oldest_python_gets_a_numpy_that_supports_it() -> None:
 def test_robot_needs_none_of_the_extras() -> None:
     core = {Requirement(text).name for text in PROJECT["dependencies"]}
     extras = {Requirement(t).name for extra in PROJECT["optional-dependencies"].values() for t in extra}
-    assert core == {"eclipse-zenoh", "mcap", "msgspec", "numpy", "pyserial", "python-can"}
+    assert core == {"eclipse-zenoh", "fastcrc", "mcap", "msgspec", "numpy", "pyserial", "python-can"}
     assert not core & extras
