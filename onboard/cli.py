@@ -50,6 +50,11 @@ def parser() -> argparse.ArgumentParser:
     doctor.add_argument(
         "--seconds", type=float, default=1.0, metavar="S", help="with --jitter: of each try (%(default)g s)"
     )
+    doctor.add_argument(
+        "--switch",
+        action="store_true",
+        help="with --jitter, as root: turn the machine's own settings (governor, Wi-Fi power save) to and fro, too",
+    )
     verbs.add_parser(
         "failsafes",
         allow_abbrev=False,

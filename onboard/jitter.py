@@ -10,8 +10,12 @@ import select
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
+from onboard import switches
+from onboard.computer import said
 from onboard.service import lock_memory, quiet
 
 PERIOD_NS = 10_000_000
@@ -54,6 +58,9 @@ def _nothing() -> None:
 
 
 AS_IT_IS = "as it is"
+GOVERNOR = "governor"
+WIFI = "round trip, Wi-Fi saving"
+SWITCH = "not tried: --switch does, as root, and puts it back"
 SETTINGS: dict[str, Callable[[], None]] = {
     AS_IT_IS: _nothing,
     "garbage collector quiet": quiet,
@@ -64,19 +71,67 @@ SETTINGS: dict[str, Callable[[], None]] = {
 }
 
 
-def compare(turns: int, seconds: float) -> list[Lateness]:
-    """Every setting ``turns`` times for ``seconds`` each."""
+def compare(turns: int, seconds: float, switch: bool = False, root: Path = Path("/")) -> list[Lateness]:
+    """Every setting ``turns`` times for ``seconds`` each.
+
+    :param switch: turn settings of the whole machine to and fro as well, as root, and put them back.
+    :param root: the machine's files, or a tree that looks like them.
+    """
     samples: dict[str, list[list[float]]] = {name: [] for name in SETTINGS}
-    refused: dict[str, str] = {}
+    files, values = switches.governors(root)
+    names = {f"{GOVERNOR} {value}": value for value in values}
+    refused = {} if switch else dict.fromkeys(names, SWITCH)
+    samples |= {name: [] for name in names}
     for _ in range(turns):
         for name, setting in SETTINGS.items():
-            if name not in refused:
-                found = tried(setting, seconds)
-                if isinstance(found, str):
-                    refused[name] = found
-                else:
-                    samples[name].append(found)
-    return summary(samples, refused)
+            _take(name, partial(tried, setting, seconds), samples, refused)
+        for name, value in names.items():
+            _take(name, partial(_governed, files, value, seconds), samples, refused)
+    if not names:
+        samples[GOVERNOR] = []
+        refused[GOVERNOR] = "the kernel sets no frequency here"
+    elsewhere = switches.without_lateness(root)
+    return [
+        *summary(samples, refused),
+        *round_trips(turns, switch),
+        *(Lateness(name, 0.0, 0.0, 0.0, 0.0, why) for name, why in elsewhere.items()),
+    ]
+
+
+def _take(
+    name: str,
+    measure: Callable[[], list[float] | str],
+    samples: dict[str, list[list[float]]],
+    refused: dict[str, str],
+) -> None:
+    if name not in refused:
+        found = measure()
+        if isinstance(found, str):
+            refused[name] = found
+        else:
+            samples[name].append(found)
+
+
+def _governed(files: Sequence[Path], value: str, seconds: float) -> list[float] | str:
+    try:
+        with switches.held(files, value):
+            return tried(_nothing, seconds)
+    except OSError as error:
+        return error.strerror or str(error)
+
+
+def round_trips(turns: int, may_switch: bool, ask: Callable[..., str] = said) -> list[Lateness]:
+    """Round trips to the gateway over Wi-Fi, its power saving on and off; the ratio is against on."""
+    interface, gateway = switches.wireless_gateway(ask)
+    if not gateway or not may_switch:
+        return [Lateness(WIFI, 0.0, 0.0, 0.0, 0.0, SWITCH if gateway else "there is no wireless interface in use")]
+    found: dict[str, list[list[float]]] = {"on": [], "off": []}
+    for _ in range(turns):
+        for save, blocks in found.items():
+            blocks.append(switches.round_trips_us(interface, gateway, save, ask))
+    if not all(block for blocks in found.values() for block in blocks):
+        return [Lateness(WIFI, 0.0, 0.0, 0.0, 0.0, f"{gateway} does not answer a ping")]
+    return [_row(f"{WIFI} {save}", blocks, found["on"]) for save, blocks in found.items()]
 
 
 def summary(samples: dict[str, list[list[float]]], refused: dict[str, str]) -> list[Lateness]:
@@ -86,11 +141,15 @@ def summary(samples: dict[str, list[list[float]]], refused: dict[str, str]) -> l
         if not blocks or name in refused:
             rows.append(Lateness(name, 0.0, 0.0, 0.0, 0.0, refused.get(name, "no samples")))
             continue
-        whole = sorted(value for block in blocks for value in block)
-        pairs = [share(own, 0.99) / share(base, 0.99) for own, base in zip(blocks, samples[AS_IT_IS], strict=False)]
-        ratio = statistics.median(pairs) if pairs else 0.0
-        rows.append(Lateness(name, share(whole, 0.5), share(whole, 0.99), whole[-1], ratio))
+        rows.append(_row(name, blocks, samples[AS_IT_IS]))
     return rows
+
+
+def _row(name: str, blocks: list[list[float]], bases: list[list[float]]) -> Lateness:
+    whole = sorted(value for block in blocks for value in block)
+    pairs = [share(own, 0.99) / share(base, 0.99) for own, base in zip(blocks, bases, strict=False)]
+    ratio = statistics.median(pairs) if pairs else 0.0
+    return Lateness(name, share(whole, 0.5), share(whole, 0.99), whole[-1], ratio)
 
 
 def share(values: Sequence[float], part: float) -> float:

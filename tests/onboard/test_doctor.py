@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from onboard import jitter, switches
 from onboard.checkup import CHECKS, checkup
 from onboard.cli import main
 from onboard.computer import UNLIMITED, Snapshot, snapshot
 from onboard.doctor import lines, table
-from onboard.jitter import AS_IT_IS, SETTINGS, compare, share, summary
+from onboard.jitter import AS_IT_IS, SETTINGS, compare, round_trips, share, summary
 
 GOOD = {
     "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor": "performance\n",
@@ -149,16 +150,96 @@ def test_ratios_are_within_a_turn_and_refusals_are_told() -> None:
     rows = summary({AS_IT_IS: base, "half": half, "not here": []}, {"not here": "Operation not permitted"})
     assert [row.ratio for row in rows] == [1.0, 0.5, 0.0]
     assert rows[0].max_us == 100.0
-    assert "not permitted: Operation not permitted" in table(rows)[-1]
+    assert table(rows)[-1].endswith("   Operation not permitted")
 
 
 def test_every_setting_is_tried_in_a_process_of_its_own() -> None:
     before = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0), os.sched_getscheduler(0)
     rows = compare(1, 0.05)
-    assert [row.setting for row in rows] == list(SETTINGS)
+    assert [row.setting for row in rows][: len(SETTINGS)] == list(SETTINGS)
+    assert {"FTDI latency timer", "CAN transmit queue", "chrony"} <= {row.setting for row in rows}
     assert all(row.refused or row.p50_us >= 0.0 < row.ratio for row in rows)
     assert not rows[0].refused
     assert (os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0), os.sched_getscheduler(0)) == before
+
+
+def governed(root: Path) -> list[Path]:
+    files = [root / f"sys/devices/system/cpu/cpu{core}/cpufreq/scaling_governor" for core in (0, 1)]
+    for file, governor in zip(files, ("schedutil\n", "performance\n"), strict=True):
+        file.parent.mkdir(parents=True)
+        file.write_text(governor)
+        file.with_name("scaling_available_governors").write_text("schedutil performance\n")
+    return files
+
+
+def test_governors_are_turned_to_and_fro_and_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = governed(tmp_path)
+    seen: list[list[str]] = []
+
+    def noting(setting: object, seconds: float) -> list[float]:
+        seen.append([file.read_text() for file in files])
+        return [10.0 * len(seen)]
+
+    monkeypatch.setattr(jitter, "tried", noting)
+    rows = {row.setting: row for row in compare(1, 0.05, True, tmp_path)}
+    assert seen[len(SETTINGS) :] == [["schedutil"] * 2, ["performance"] * 2]
+    assert (rows["governor schedutil"].ratio, rows["governor performance"].ratio) == (7.0, 8.0)
+    assert [file.read_text() for file in files] == ["schedutil\n", "performance\n"]
+
+
+def test_nothing_of_the_machine_is_switched_unless_asked(tmp_path: Path) -> None:
+    files = governed(tmp_path)
+    with pytest.raises(RuntimeError), switches.held(files, "performance"):
+        raise RuntimeError("in the middle")
+    assert [file.read_text() for file in files] == ["schedutil\n", "performance\n"]
+    with pytest.raises(OSError, match="No such file"), switches.held([*files, tmp_path / "none"], "performance"):
+        pytest.fail("not all could be set")
+    assert [file.read_text() for file in files] == ["schedutil\n", "performance\n"]
+    rows = {row.setting: row for row in compare(1, 0.05, False, tmp_path)}
+    assert "--switch" in rows["governor performance"].refused
+    assert [file.read_text() for file in files] == ["schedutil\n", "performance\n"]
+
+
+class Wireless:
+    """A machine with one wireless interface, as ``iw``, ``ip`` and ``ping`` tell of it."""
+
+    def __init__(self, gateway: bool = True, answers: bool = True) -> None:
+        self.save, self.gateway, self.answers = "on", gateway, answers
+
+    def __call__(self, *words: str) -> str:
+        match words:
+            case ("iw", "dev"):
+                return "phy#0\n\tInterface wlan0\n\t\ttype managed\n"
+            case ("iw", "dev", "wlan0", "get", "power_save"):
+                return f"Power save: {self.save}\n"
+            case ("iw", "dev", "wlan0", "set", "power_save", save):
+                self.save = save
+            case ("ip", *_):
+                return "default via 192.168.7.254 proto dhcp\n" if self.gateway else ""
+            case ("ping", *_) if self.answers:
+                return f"64 bytes: icmp_seq=1 ttl=64 time={80.0 if self.save == 'on' else 2.0} ms\n" * 3
+        return ""
+
+
+def test_wireless_round_trips_with_power_saving_on_and_off() -> None:
+    ask = Wireless()
+    on, off = round_trips(2, True, ask)
+    assert (on.p99_us, off.p99_us, off.ratio) == (80000.0, 2000.0, 0.025)
+    assert ask.save == "on", "as it was"
+
+
+@pytest.mark.parametrize(
+    ("ask", "may_switch", "why"),
+    [
+        (Wireless(), False, "--switch"),
+        (Wireless(gateway=False), True, "no wireless interface"),
+        (Wireless(answers=False), True, "does not answer a ping"),
+    ],
+)
+def test_why_there_are_no_wireless_round_trips(ask: Wireless, may_switch: bool, why: str) -> None:
+    (row,) = round_trips(1, may_switch, ask)
+    assert why in row.refused
+    assert ask.save == "on"
 
 
 @pytest.mark.parametrize("words", [["--turns", "0"], ["--seconds", "0"]])
