@@ -75,6 +75,12 @@ class Reader:
             path.write_text(COMMAND.format(python=sys.executable, root=str(ROOT), room=name))
             path.chmod(0o755)
         (folder / "kit").chmod(0o755)
+        for name, there in (
+            (".venv", Path(sys.prefix)),
+            ("groundstation", ROOT / "groundstation"),
+            ("bench", ROOT / "bench"),
+        ):
+            (folder / name).symlink_to(there)
         self.environment = {
             **os.environ,
             "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
@@ -100,8 +106,11 @@ class Reader:
             text = text.replace(usual, own)
         (self.folder / name).write_text(text)
 
-    def type(self, line: str) -> str:
-        """Run one line as it stands; output. AssertionError where it fails."""
+    def type(self, line: str, refusal: str = "") -> str:
+        """Run one line as it stands; output. AssertionError where it fails.
+
+        :param refusal: to be in the output; an exit code of 1 is an answer then, too.
+        """
         command, _, remark = line.replace("/tmp/lab", self.usual["/tmp/lab"]).partition("   # until: ")
         if command.rstrip().endswith("&"):
             self._start(command.rstrip().removesuffix("&").strip())
@@ -119,7 +128,9 @@ class Reader:
                 check=False,
             )
             print(f"$ {command}\n{done.stdout}")
-            assert done.returncode == 0, f"{command}: ended with {done.returncode}\n{done.stdout}\n{self.words()}"
+            good = (0, 1) if refusal and refusal in done.stdout else (0,)
+            assert done.returncode in good, f"{command}: ended with {done.returncode}\n{done.stdout}\n{self.words()}"
+            assert refusal in done.stdout, f"{command}: does not say {refusal!r}\n{done.stdout}"
             if not remark or remark.strip() in done.stdout:
                 return done.stdout
             assert time.monotonic() < deadline, f"{command}: never said {remark!r}\n{done.stdout}\n{self.words()}"

@@ -324,6 +324,34 @@ def test_exit_code_of_the_tests(
     assert kit.test([]) == code
 
 
+@pytest.mark.parametrize(
+    ("words", "commands"),
+    [
+        (["lint"], ["ruff check .", "ruff format --check .", "mypy"]),
+        (["test", "tests/house"], ["pytest tests/house"]),
+        (["test", "-m", "root"], ["pytest -m root"]),
+        (["check"], ["ruff check .", "ruff format --check .", "mypy", "pytest -n auto", "pytest -p no:xdist"]),
+        (["prove", "sweep", "-x"], ["pytest -m prove -s -x"]),
+        (["exec", "ahdc-drivers", "list"], ["ahdc-drivers list"]),
+        (["--yes", "demo", "--headless"], ["groundstation demo --headless"]),
+    ],
+)
+def test_verbs_run_what_they_say(
+    kit: ModuleType, monkeypatch: pytest.MonkeyPatch, words: list[str], commands: list[str]
+) -> None:
+    folder = kit.ROOT / "tests" / "prove"
+    folder.mkdir(parents=True)
+    (folder / "test_sweep.py").write_text("")
+    ran: list[str] = []
+    for name in ("run", "become"):
+        monkeypatch.setattr(kit, name, lambda *command, **_: ran.append(" ".join(command)) or 0)
+    monkeypatch.setattr(kit, "ensure", lambda yes: None)
+    assert kit.main(words) == 0
+    begun = [line.removeprefix(f"{kit.VENV}/bin/python -m ") for line in ran]
+    assert len(begun) == len(commands)
+    assert all(line.startswith(command) for line, command in zip(begun, commands, strict=True)), begun
+
+
 def test_every_verb_is_taught(kit: ModuleType) -> None:
     assert all(f"\n  {verb} " in SOURCE for verb in kit.VERBS)
 

@@ -62,3 +62,6 @@ def test_the_pages_tests_and_ci_recipe_pass_with_the_wheel(home: Path, tmp_path:
     )  # fmt: skip
     assert 'kind = "mywheels"' in listed.stdout, listed.stderr
     assert "auto-stop" in listed.stdout.lower() or "AUTO_STOP" in listed.stdout
+    words = ["simulate", "--profile", "straight", "--robots", "2", "--targets", "2", "--runs", "1", "--workers", "1"]
+    swept = run(home / "bin" / "python", "-m", "groundstation", *words, "--limit-s", "60", cwd=tmp_path)
+    assert "1 of 1" in swept or "completed" in swept, swept

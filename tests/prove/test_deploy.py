@@ -20,6 +20,7 @@ from contract.arena import load, table_of
 from drivers.registry import wheel_faults
 from groundstation import rig
 from groundstation.conduct import Conductor, new_session
+from groundstation.course import Plan
 from groundstation.deploy import Deployment
 from groundstation.deployment.facts import Facts
 from groundstation.deployment.plan import Release, Step
@@ -27,7 +28,6 @@ from groundstation.deployment.remote import Ssh
 from groundstation.deployment.workshop import Workshop
 from groundstation.link import Link
 from groundstation.processes import Family
-from groundstation.session import Plan
 from groundstation.targets import cloud_of
 from tests.guest.robot_computer import ADDRESS, STATION, RobotComputer, robot_computer
 from tests.house.checkout import ROOMS, ROOT
@@ -169,7 +169,7 @@ def test_a_dry_run_changes_nothing(site: Site, untouched: str) -> None:
 
 
 def test_fresh_install(site: Site, untouched: str) -> None:
-    code, said = site.deploy()
+    code, said = site.deploy("--only", INSIDE)
     assert code == 0
     assert re.search(rf"{INSIDE} +{ADDRESS} +x86_64 +3\.11\.\d+ +- +0\.\d+\.\d+-[0-9a-f]+ +done", said)
     state = site.state()
@@ -204,6 +204,22 @@ def test_a_mission_over_quic_and_mutual_tls_and_no_deployment_meanwhile(site: Si
     (ending,) = refused
     assert ending[0] == 1
     assert "is running: software is not changed now" in ending[1]
+
+
+def test_the_pages_commands_for_a_robot_without_deploy(site: Site) -> None:
+    there = f"root@{ADDRESS}"
+    site.computer.shell("mkdir -p /etc/ahdc")
+    bundle = site.folder / "keys" / f"{INSIDE}.tar"
+    subprocess.run(
+        ["scp", "-q", *site.computer.ssh, str(site.arena_file), str(bundle), f"{there}:/etc/ahdc/"], check=True
+    )
+    unpack = ["tar", "-xpf", f"/etc/ahdc/{INSIDE}.tar", "-C", "/etc/ahdc"]
+    subprocess.run(["ssh", *site.computer.ssh, there, *unpack], check=True)
+    onboard = f"/opt/ahdc/{INSIDE}/current/env/bin/ahdc-onboard"
+    site.computer.shell(f"{onboard} check --arena /etc/ahdc/{site.arena_file.name} --robot {INSIDE}")
+    assert site.computer.shell("stat -c %a /etc/ahdc/keys/*/private.key").split() == ["600"]
+    assert "disarmed" in site.computer.shell(f"systemctl status {UNIT}")
+    site.computer.shell("rm -r /etc/ahdc")
 
 
 def test_a_hung_agent_is_killed_and_comes_back_disarmed(site: Site) -> None:

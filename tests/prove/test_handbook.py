@@ -1,7 +1,10 @@
-"""A new reader's way: every page of the handbook in order, every command typed, missions and all."""
+"""A new reader's way: every command of the handbook typed in order, missions and all; then those of all other pages."""
+
+import os
 
 import pytest
 
+from tests.arena.commands import ALONE, BESIDE, SITE, SMALL
 from tests.arena.handbook import FOLDER, PAGES, Reader
 
 pytestmark = pytest.mark.timeout(900)
@@ -9,9 +12,31 @@ pytestmark = pytest.mark.timeout(900)
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
-    return Reader(tmp_path_factory.mktemp("clone"))
+    reader = Reader(tmp_path_factory.mktemp("clone"))
+    (reader.folder / "small.toml").write_text(SMALL)
+    return reader
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_the_page_works(reader: Reader, page: str) -> None:
     reader.follow(FOLDER / f"{page}.md")
+
+
+@pytest.mark.parametrize("command", ALONE)
+def test_every_command_of_the_text_works(reader: Reader, command: str) -> None:
+    if command == "ahdc-groundstation radio" and os.geteuid():
+        pytest.skip("network namespaces need root")
+    try:
+        reader.type(*ALONE[command])
+    finally:
+        reader.end()
+
+
+def test_orders_of_the_text_work_beside_a_running_site(reader: Reader) -> None:
+    try:
+        for line in SITE:
+            reader.type(line)
+        for way in BESIDE.values():
+            reader.type(*way)
+    finally:
+        reader.end()
