@@ -50,7 +50,7 @@ ALONE: dict[str, Way] = {
     "ahdc-groundstation metrics RUN": Way("ahdc-groundstation metrics run1"),
     "ahdc-groundstation report RUN": Way("ahdc-groundstation report run1"),
     "ahdc-groundstation report RUN...": Way("ahdc-groundstation report run1 lab1 --page compared.html"),
-    "report run1 run2": Way("ahdc-groundstation report run1 lab1"),
+    "report run1 run2": Way("ahdc-groundstation report run1 lab1 --page compared.html"),
     "replay --check": Way("ahdc-groundstation replay --check run1"),
     "ahdc-groundstation replay --check RUN": Way("ahdc-groundstation replay --check run1"),
     "ahdc-groundstation page --replay RUN": Way("ahdc-groundstation page --replay run1 --port 0 &"),
@@ -184,10 +184,11 @@ ELSEWHERE = {
     "ahdc-groundstation simulate --profile straight": ("tests/house/test_plugin.py", '"--profile", "straight"'),
     "AHDC_SHOTS=shots ./kit test": ("tests/root/test_gallery.py", "AHDC_SHOTS"),
     "tests/guest/run-in-guest.sh": ("tests/guest/guest.py", "run-in-guest.sh"),
-    "ip link set can0 up": ("tests/guest/socketcan_suite.py", "type can bitrate 500000 restart-ms 100"),
 }
 """A command's beginning: the file that runs it, and what must stand there."""
 OF_THE_MACHINE = {
+    "ip link set can0 up type can bitrate 500000 restart-ms 100": "needs a CAN controller: the guest's buses have no "
+    "bit rate. The doctor's remedy for an interface is this line, too",
     "sudo sysctl kernel.sched_autogroup_enabled=0": "a setting of the reader's machine: no test changes those",
 }
 

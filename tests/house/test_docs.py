@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from tests.house import arena_page
-from tests.house.checkout import ROOT, tracked
+from tests.house.checkout import ROOMS, ROOT, tracked
 
 PAGES = [str(path.relative_to(ROOT)) for path in tracked("*.md")]
 LINK = re.compile(r"\]\(([^)\s]+)\)|<img[^>]+src=\"([^\"]+)\"")
@@ -117,3 +117,31 @@ def helped(command: str, verb: str) -> str:
 
 def test_an_unknown_verb_is_found() -> None:
     assert not knows("ahdc-groundstation", "teleport")
+
+
+def test_symbols_of_the_paper_stand_where_the_table_says() -> None:
+    law = ROOT / "onboard" / "ahdc"
+    table = (law / "PAPER.md").read_text().partition("## Symbols")[2].partition("\n## ")[0]
+    rows = [row.split(" | ") for row in re.findall(r"^\| (.+) \|$", table, re.MULTILINE)]
+    seen = 0
+    for cells in rows:
+        files = re.findall(r"`([^`]+\.py)`", cells[-1])
+        text = "\n".join((ROOT / name if "/" in name else law / name).read_text() for name in files)
+        words = [word for name in re.findall(r"`([^`]+)`", cells[1]) for word in re.findall(r"\w+", name)]
+        assert [word for word in words if not re.search(rf"\b{word}\b", text)] == [], cells[0]
+        seen += len(words)
+    assert seen > 40
+
+
+def test_symptoms_are_words_that_the_programs_say() -> None:
+    page = (ROOT / "docs" / "handbook" / "troubleshooting.md").read_text()
+    source = "\n".join(path.read_text() for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+    source = source.replace("cannot {verb}", "cannot open")
+    symptoms = [
+        word
+        for row in re.findall(r"^\| (.+) \|$", page, re.MULTILINE)
+        if " | " in row
+        for word in re.findall(r"`([^`]+)`", row.split(" | ")[0])
+    ]
+    assert len(symptoms) > 12
+    assert [word for word in symptoms if word not in source] == []

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tests.arena.commands import ALONE, BESIDE, SITE, SMALL
+from tests.arena.commands import ALONE, BESIDE, SITE, SMALL, Way
 from tests.arena.handbook import FOLDER, PAGES, Reader
 
 pytestmark = pytest.mark.timeout(900)
@@ -22,12 +22,12 @@ def test_every_command_of_the_page_works(reader: Reader, page: str) -> None:
     reader.follow(FOLDER / f"{page}.md")
 
 
-@pytest.mark.parametrize("command", ALONE)
-def test_every_command_of_the_text_works(reader: Reader, command: str) -> None:
-    if command == "ahdc-groundstation radio" and os.geteuid():
+@pytest.mark.parametrize("way", dict.fromkeys(ALONE.values()), ids=lambda way: way.typed)
+def test_every_command_of_the_text_works(reader: Reader, way: Way) -> None:
+    if way == ALONE["ahdc-groundstation radio"] and os.geteuid():
         pytest.skip("network namespaces need root")
     try:
-        reader.type(*ALONE[command])
+        reader.type(*way)
     finally:
         reader.end()
 
@@ -36,7 +36,7 @@ def test_orders_of_the_text_work_beside_a_running_site(reader: Reader) -> None:
     try:
         for line in SITE:
             reader.type(line)
-        for way in BESIDE.values():
+        for way in dict.fromkeys(BESIDE.values()):
             reader.type(*way)
     finally:
         reader.end()
