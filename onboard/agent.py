@@ -27,9 +27,9 @@ from contract.messages import (
 )
 from onboard import unicycle
 from onboard.ahdc.controller import Controller, LinkWord
-from onboard.ahdc.parameters import from_arena
+from onboard.ahdc.parameters import from_arena, record
 from onboard.ahdc.plan import Motion
-from onboard.ahdc.view import View, record
+from onboard.ahdc.view import View
 from onboard.cut import cut_bounds, limit_cut
 from onboard.failsafes import Conditions
 from onboard.homing import Home, Homing

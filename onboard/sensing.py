@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from contract.messages import MocapFrame, NeighbourState, TargetCloud
-from onboard.ahdc.view import Heard, Sighted, record
+from onboard.ahdc.parameters import record
+from onboard.ahdc.view import Heard, Sighted
 from onboard.odometry import Pose
 
 VELOCITY_BASE_NS = 40_000_000

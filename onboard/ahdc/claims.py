@@ -14,6 +14,7 @@ import msgspec
 from contract.messages import NeighbourState, ToldClaim
 from contract.units import metres
 from onboard.ahdc.cotr import Claim
+from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Sighted
 
 CLAIM_HOPS = 4
@@ -40,18 +41,19 @@ class ClaimBook:
 
     def learn(self, neighbour: str, state: NeighbourState, now_s: float) -> None:
         """A neighbour's own claim and those it passes on."""
-        known = self._rumours.get(neighbour)
-        if known is not None and known.told.number == state.seq:
+        rumours, number = self._rumours, state.seq
+        known = rumours.get(neighbour)
+        if known is not None and known.told.number == number:
             return
-        place = (state.x_m, state.y_m)
-        way_m = 0.0 if state.claim_at is None else self._way_m(place, state)
-        own = ToldClaim(robot=neighbour, number=state.seq, target=state.claim, left_m=metres(way_m), hops=1)
+        way_m = 0.0 if state.claim_at is None else self._way_m((state.x_m, state.y_m), state)
+        own = ToldClaim(robot=neighbour, number=number, target=state.claim, left_m=metres(way_m), hops=1)
         for told in (own, *state.claims):
-            if told.robot == self.robot or told.hops > CLAIM_HOPS:
+            robot = told.robot
+            if robot == self.robot or told.hops > CLAIM_HOPS:
                 continue
-            known = self._rumours.get(told.robot)
-            if known is None or told.number > known.told.number or now_s - known.heard_s >= CLAIM_LIFE_S:
-                self._rumours[told.robot] = Rumour(told, now_s)
+            known = rumours.get(robot)
+            if known is None or told.number > known[0].number or now_s - known[1] >= CLAIM_LIFE_S:
+                rumours[robot] = record(Rumour, (told, now_s))
 
     def to_tell(self, now_s: float) -> tuple[ToldClaim, ...]:
         """What to pass on: claims that may still go a hop, the nearest owners first."""

@@ -6,10 +6,20 @@ from typing import Protocol
 
 from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
 from onboard.ahdc.links import OFF, ON, Link, LinkTable
-from onboard.ahdc.parameters import Parameters, Vector
-from onboard.ahdc.plan import CONTACT_M, TURNING_STOP_MPS, YIELD_RANGE_M, Command, Partner, Planner, Room, make_disc
+from onboard.ahdc.parameters import Parameters, Vector, record
+from onboard.ahdc.plan import (
+    CONTACT_M,
+    LOOK_AHEAD_S,
+    TURNING_STOP_MPS,
+    YIELD_RANGE_M,
+    Command,
+    Partner,
+    Planner,
+    Room,
+    make_disc,
+)
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_distance_m, stop_tables
-from onboard.ahdc.view import Goal, View, record
+from onboard.ahdc.view import Goal, View
 from onboard.unicycle import turn_gain_per_s
 
 ADD_SHARE = 0.8
@@ -18,8 +28,6 @@ REMOVE_SHARE = 0.82
 """Removal is tried beyond this share, where a detour of shorter links exists."""
 LISTEN_S = 0.3
 """A robot that has just come hears everybody around within this time, ten state messages long."""
-LOOK_AHEAD_S = 0.12
-"""T_p: how far ahead the wanted velocity must respect the link discs."""
 CLOSING_TIME_S = 0.25
 MAX_AGE_S = 0.5
 """A stop point is not carried on for longer than this."""
@@ -69,12 +77,15 @@ class FieldLaw:
         if self._came_s is None:
             self._came_s = now_s
         waiting = now_s - self._came_s < LISTEN_S
+        boots = links.boots
         for name, (state, _, is_silent) in view.heard.items():
-            links.note_boot(name, state.boot)
+            if boots.get(name) != state.boot:
+                links.note_boot(name, state.boot)
             if is_silent:
                 silent.append(name)
                 continue
-            link = entries[name].state if name in entries else OFF
+            entry = entries.get(name)
+            link = OFF if entry is None else entry.state
             if link is ON or name not in sighted or name in self.excluded:
                 continue
             distance = math.dist(own, sighted[name][:2])

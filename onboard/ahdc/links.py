@@ -82,11 +82,12 @@ class LinkTable:
     entries: dict[str, Entry] = field(default_factory=dict)
     outbox: list[LinkMessage] = field(default_factory=list)
     removal: Removal | None = None
+    boots: dict[str, int] = field(default_factory=dict)
+    """The newest boot number noted of each other robot."""
     _counter: int = 0
     _committed: dict[TransactionId, None] = field(default_factory=dict)
     _closed: dict[TransactionId, None] = field(default_factory=dict)
     _silent: set[str] = field(default_factory=set)
-    _boots: dict[str, int] = field(default_factory=dict)
     _lives: dict[str, TransactionId] = field(default_factory=dict)
     """The newest ADD taken from each robot: an older one that arrives late is not taken."""
 
@@ -119,10 +120,10 @@ class LinkTable:
 
     def note_boot(self, other: str, boot: int) -> None:
         """A neighbour with a new boot number has lost its memory: enforce, stop vouching, offer anew (rule 8)."""
-        known = self._boots.get(other)
+        known = self.boots.get(other)
         if known == boot:
             return
-        self._boots[other] = boot
+        self.boots[other] = boot
         if known is None or not self.enforces(other):
             return
         entry = self.entries[other]
@@ -329,7 +330,7 @@ class LinkTable:
 
     def _current(self, tx: TransactionId) -> bool:
         """Not of a boot that its coordinator has left behind, as far as this robot knows."""
-        return self._boots.get(tx.coordinator, tx.boot) == tx.boot
+        return self.boots.get(tx.coordinator, tx.boot) == tx.boot
 
     def _abort(self) -> None:
         removal = self.removal

@@ -7,6 +7,9 @@ from contract.arena import Arena
 Vector = tuple[float, float]
 """(x, y), arena frame."""
 
+record = tuple.__new__
+"""``record(Motion, (...))`` is ``Motion(...)`` in half the time, for what is made many times a step."""
+
 
 @dataclass(frozen=True, slots=True)
 class Parameters:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from onboard.ahdc.behaviour import FADED_M
-from onboard.ahdc.parameters import Parameters, Vector
+from onboard.ahdc.parameters import Parameters, Vector, record
 from onboard.ahdc.stopping import Brake, Stops
 
 RUN_AHEAD = 0.8
@@ -31,6 +31,8 @@ SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 REFINEMENTS = 2
 YIELD_RANGE_M = 0.6
 """A velocity gives way to robots nearer than this."""
+LOOK_AHEAD_S = 0.12
+"""T_p: how far ahead the wanted velocity must respect the link discs."""
 MOVE_SHARE = 10.0
 """In one period a stop point moves by less than this many u_max T: farther discs cannot bind."""
 
@@ -92,7 +94,7 @@ class Room(NamedTuple):
     short: list[Disc]
     """Discs near enough to bind within one period."""
     far: list[tuple[float, float, Vector]]
-    """(gap, diameter, stop point) of long discs that cannot: only a velocity, which looks farther ahead, minds them."""
+    """(gap, diameter, stop point) of long discs that cannot, but that a velocity, which looks farther ahead, minds."""
     keepouts: list[Keepout]
     near: list[tuple[float, Partner]]
     """Robots near enough to matter to a velocity, with their distances, m."""
@@ -115,7 +117,7 @@ def enforced_radius_m(parameters: Parameters, age_s: float) -> float:
 def make_disc(start: Vector, partner: Vector, diameter_m: float) -> Disc:
     gap = math.dist(start, partner)
     middle = ((start[0] + partner[0]) / 2, (start[1] + partner[1]) / 2)
-    return Disc(start, partner, diameter_m / 2, middle, gap, gap <= diameter_m)
+    return record(Disc, (start, partner, diameter_m / 2, middle, gap, gap <= diameter_m))
 
 
 def inside_disc(end: Vector, disc: Disc) -> bool:
@@ -165,6 +167,8 @@ class Planner:
         self._half_track_m = parameters.wheel_separation_m / 2
         self._near_m = max(YIELD_RANGE_M, parameters.avoidance_radius_m + FADED_M)
         self._reach_m = MOVE_SHARE * parameters.max_speed_mps * period_s
+        self._ahead_m = 2 * LOOK_AHEAD_S * parameters.max_speed_mps + 1e-9
+        """Discs wider than the gap by more than this are too wide even for a velocity to mind."""
 
     @property
     def weak_brake(self) -> Brake:
@@ -197,37 +201,37 @@ class Planner:
         axis = (math.cos(motion[2]), math.sin(motion[2]))
         brakes = self._brakes(motion, axis)
         own, (brake, brake_short), reach_m, near_m = motion[:2], brakes, self._reach_m, self._near_m
-        parameters = self._parameters
-        way_m = math.dist(own, brake)
+        parameters, ahead_m, dist = self._parameters, self._ahead_m, math.dist
+        way_m = dist(own, brake)
         horizon_m = 2 * (way_m + reach_m) + CONTACT_M
         beyond_m = horizon_m + way_m + 1e-9
-        room = Room(motion, axis, brakes, [], [], [], [], [])
+        room = record(Room, (motion, axis, brakes, [], [], [], [], []))
         _, _, _, long, short, far, keepouts, near = room
         for partner in partners:
             _, enforced, x, y, long_stops, short_stops, age_s, resting = partner
             place = (x, y)
-            distance = math.dist(own, place)
+            distance = dist(own, place)
             if distance <= near_m:
                 near.append((distance, partner))
             if distance < horizon_m:
-                keepouts.append(keepout(place, math.dist(brake, place), distance, resting))
+                keepouts.append(keepout(place, dist(brake, place), distance, resting))
             if enforced:
                 diameter = enforced_radius_m(parameters, age_s)
                 slack_m = diameter - 2 * reach_m
             for point in long_stops:
-                gap = math.dist(brake, point)
+                gap = dist(brake, point)
                 if enforced:
                     if gap > slack_m:
                         long.append(make_disc(brake, point, diameter))
-                    else:
+                    elif gap + ahead_m > diameter:
                         far.append((gap, diameter, point))
                 if gap < beyond_m:
-                    distance = math.dist(own, point)
+                    distance = dist(own, point)
                     if distance < horizon_m:
                         keepouts.append(keepout(point, gap, distance, resting))
             if enforced:
                 for point in short_stops:
-                    if math.dist(brake_short, point) > slack_m:
+                    if dist(brake_short, point) > slack_m:
                         short.append(make_disc(brake_short, point, diameter))
         return room
 

@@ -102,18 +102,13 @@ class Tasking:
         for name, (state, _, silent) in view.heard.items():
             if learned.get(name) is not state:
                 learned[name] = state
-                memory.merge(from_hex(state.occupied))
-                for target in state.sightings:
-                    memory.see(target.index, (target.x_m, target.y_m))
-                if state.cloud_seen:
-                    self.cloud_seen = True
-                if self._field:
-                    self.book.learn(name, state, view.now_s)
+                self._learn_from(name, state, view.now_s)
             if not silent:
-                if state.hops < nearest:
-                    nearest = state.hops
-                if state.help is not None:
-                    requests.append((name, state.help))
+                hops, help_ = state.hops, state.help
+                if hops < nearest:
+                    nearest = hops
+                if help_ is not None:
+                    requests.append((name, help_))
         if view.targets:
             self.cloud_seen = True
         if self._field:
@@ -127,6 +122,18 @@ class Tasking:
         self.hops = 0 if leads else nearest + 1
         if self.hops >= robots:
             self.hops = NO_HOPS
+
+    def _learn_from(self, name: str, state: NeighbourState, now_s: float) -> None:
+        """A neighbour's new message: occupied targets, sightings and claims."""
+        memory, sightings = self.memory, state.sightings
+        if state.occupied:
+            memory.merge(from_hex(state.occupied))
+        if sightings:
+            memory.see_all({target.index: (target.x_m, target.y_m) for target in sightings})
+        if state.cloud_seen:
+            self.cloud_seen = True
+        if self._field:
+            self.book.learn(name, state, now_s)
 
     def _advance(self, view: View, own: Vector) -> None:
         now_s = view.now_s
@@ -229,11 +236,11 @@ class Tasking:
 
     def _leader(self, view: View) -> str | None:
         """The indicator to follow: the nearest in sight (paper), the neighbour with fewest hops to one (field)."""
-        own, sighted = view.motion[:2], view.sighted
+        own, sighted, field, own_hops = view.motion[:2], view.sighted, self._field, self.hops
         leaders = [
-            (state.hops if self._field else 0, math.dist(own, sighted[name][:2]), name)
+            (state.hops if field else 0, math.dist(own, sighted[name][:2]), name)
             for name, (state, _, silent) in view.heard.items()
-            if (state.hops < self.hops if self._field else state.indicator) and not silent and name in sighted
+            if (state.hops < own_hops if field else state.indicator) and not silent and name in sighted
         ]
         return min(leaders)[2] if leaders else None
 

@@ -7,9 +7,6 @@ from contract.messages import NeighbourState
 from onboard.ahdc.parameters import Vector
 from onboard.ahdc.plan import Motion
 
-record = tuple.__new__
-"""``record(Sighted, (...))`` is ``Sighted(...)`` in half the time, for what is made many times a step."""
-
 
 class Sighted(NamedTuple):
     """Another robot within sensing range, as last seen by the motion capture."""

@@ -271,7 +271,7 @@ def copy_of(table: LinkTable) -> LinkTable:
     made.entries = {name: Entry(e.state, e.tx, 0.0, 0.0, e.life) for name, e in table.entries.items()}
     made.outbox = []
     made.removal = table.removal and Removal(table.removal.tx, table.removal.other, 0.0)
-    for name in ("_committed", "_closed", "_boots", "_lives"):
+    for name in ("_committed", "_closed", "boots", "_lives"):
         setattr(made, name, dict(getattr(table, name)))
     return made
 
