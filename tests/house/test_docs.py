@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from markdown_it import MarkdownIt
 
 from tests.house import arena_page
 from tests.house.checkout import ROOMS, ROOT, tracked
@@ -46,6 +47,43 @@ def broken(page: Path, text: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES)
 def test_links_resolve(page: str) -> None:
     assert broken(ROOT / page, (ROOT / page).read_text()) == []
+
+
+def unbuilt(text: str) -> list[str]:
+    """What of a page does not become what its writer meant: a fence left open, a table that is none or lost a cell."""
+    build = MarkdownIt("commonmark").enable("table")
+    tokens = build.parse(text)
+    html = re.sub(r"<code.*?</code>", "", build.render(text), flags=re.DOTALL)
+    found = [f"no table: {line}" for line in re.findall(r"^(?:<p>)?(\|.*)$", html, re.MULTILINE)]
+    found += [f"fence: {line}" for line in re.findall(r"^.*```.*$", html, re.MULTILINE)]
+    lines = text.splitlines()
+    for token in tokens:
+        if token.type == "fence" and token.map and not lines[token.map[1] - 1].strip().startswith("```"):
+            found.append(f"open fence: {lines[token.map[0]]}")
+        if token.type == "table_open" and token.map:
+            rows = [
+                re.split(r"(?<!\\)\|", line.strip().removeprefix("|").removesuffix("|"))
+                for line in lines[slice(*token.map)]
+            ]
+            found += [f"cells: {'|'.join(row)}" for row in rows if len(row) != len(rows[0])]
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pages_build(page: str) -> None:
+    assert unbuilt((ROOT / page).read_text()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("| a | b |\n|---|---|\n| 1 |\n", "cells"),
+        ("| a | b |\n| 1 | 2 |\n", "no table"),
+        ("```sh\nls\n", "open fence"),
+    ],
+)
+def test_a_page_that_does_not_build_is_found(text: str, what: str) -> None:
+    assert next(line.split(":")[0] for line in unbuilt(text)) == what
 
 
 @pytest.mark.parametrize("page", PAGES)
