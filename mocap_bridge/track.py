@@ -1,7 +1,6 @@
 """What is known of one robot's body from frame to frame. Pure."""
 
 from collections import Counter
-from collections.abc import Sequence
 
 from mocap_bridge.frames import Pose
 from mocap_bridge.natnet.frame import Body
@@ -12,6 +11,7 @@ class Track:
 
     __slots__ = (
         "accepted_ns",
+        "believed",
         "body",
         "candidate",
         "candidate_ns",
@@ -25,7 +25,6 @@ class Track:
         "reason",
         "resets",
         "robot",
-        "rotation",
         "since_ns",
     )
 
@@ -37,11 +36,12 @@ class Track:
         """Last believed."""
         self.place = self.pose
         """Where its robot must be: the last believed pose, then whatever unbelieved body moves on from there."""
-        self.rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
+        self.believed: Body = (0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0)
+        """As the source gave it."""
         self.accepted_ns = -1
         self.since_ns = 0
         """Start of the present unbroken run of believed poses."""
-        self.candidate: tuple[Pose, Sequence[float]] | None = None
+        self.candidate: tuple[Pose, Body] | None = None
         """Pose of the last frame while rejected."""
         self.candidate_ns = 0
         self.consistent = 0

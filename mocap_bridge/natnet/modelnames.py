@@ -24,6 +24,8 @@ class ModelNames(NamedTuple):
     """Names that more than one body has."""
     duplicate_ids: frozenset[str] = frozenset()
     """Names of bodies that share an id."""
+    known_names: frozenset[str] = frozenset()
+    """The values of ``names``."""
 
 
 def names_of(bodies: Sequence[BodyModel]) -> ModelNames:
@@ -31,11 +33,13 @@ def names_of(bodies: Sequence[BodyModel]) -> ModelNames:
     own = {(body.name, body.id) for body in bodies}
     names = Counter(name for name, _ in own)
     ids = Counter(identity for _, identity in own)
+    usable = {identity: name for name, identity in own if names[name] == ids[identity] == 1}
     return ModelNames(
-        {identity: name for name, identity in own if names[name] == ids[identity] == 1},
+        usable,
         frozenset(ids),
         frozenset(name for name, count in names.items() if count > 1),
         frozenset(name for name, identity in own if ids[identity] > 1),
+        frozenset(usable.values()),
     )
 
 

@@ -80,13 +80,22 @@ class NatNetSource:
         except OSError:
             self.close()
             raise
+        self._buffer = bytearray(MAX_DATAGRAM_BYTES)
+        self._view = memoryview(self._buffer)
+        self._ready: list[socket.socket] | None = None
+        self._by_fd: dict[int, socket.socket] = {}
         self._poll = select.poll()
         for sock in self._sockets:
-            self._poll.register(sock, select.POLLIN)
+            self._watch(sock)
+
+    def _watch(self, sock: socket.socket) -> None:
+        self._by_fd[sock.fileno()] = sock
+        self._poll.register(sock, select.POLLIN)
 
     def wait(self, timeout_s: float) -> None:
         """Until a datagram is there, at most ``timeout_s``."""
-        self._poll.poll(max(timeout_s, 0.0) * 1000.0)
+        ready = self._poll.poll(max(timeout_s, 0.0) * 1000.0)
+        self._ready = [self._by_fd[fd] for fd, _ in ready]
 
     def send(self, now_ns: int) -> None:
         """Send what the client has due; a server that is not there is silence, not an error."""
@@ -99,32 +108,44 @@ class NatNetSource:
                 self.receiver.counters["send_failed"] += 1
 
     def receive(self, now_ns: int) -> list[SourceFrame]:
-        """Every frame that has arrived."""
+        """The next datagram of every socket that :meth:`wait` saw readable; without a wait everything that is there."""
         frames: list[SourceFrame] = []
-        for sock in self._sockets:
-            for _ in range(MAX_BATCH):
-                try:
-                    datagram, sender = sock.recvfrom(MAX_DATAGRAM_BYTES)
-                except BlockingIOError:
-                    break
-                except OSError:
-                    self.receiver.counters["port_unreachable"] += 1
-                    break
-                if sender[0] != self._server[0]:
-                    self.receiver.counters["foreign_sender"] += 1
-                    if len(self.foreign_senders) < MAX_FOREIGN:
-                        self.foreign_senders.add(sender[0])
-                    continue
-                if self.tap:
-                    self.tap(Entry("received", now_ns, datagram))
-                frame = self.receiver.receive(datagram, now_ns)
-                if frame is not None:
-                    frames.append(frame)
+        if self._ready is None:
+            for sock in self._sockets:
+                for _ in range(MAX_BATCH):
+                    if not self._take(sock, now_ns, frames):
+                        break
+        else:
+            for sock in self._ready:
+                self._take(sock, now_ns, frames)
+        self._ready = None
         self.frames_received += len(frames)
         self.send(now_ns)
         if self._may_listen_more:
             self._listen_more(now_ns)
         return frames
+
+    def _take(self, sock: socket.socket, now_ns: int, frames: list[SourceFrame]) -> bool:
+        """Receive one datagram; False where there is none."""
+        try:
+            size, sender = sock.recvfrom_into(self._buffer)
+        except BlockingIOError:
+            return False
+        except OSError:
+            self.receiver.counters["port_unreachable"] += 1
+            return False
+        if sender[0] != self._server[0]:
+            self.receiver.counters["foreign_sender"] += 1
+            if len(self.foreign_senders) < MAX_FOREIGN:
+                self.foreign_senders.add(sender[0])
+            return True
+        datagram = bytes(self._view[:size])
+        if self.tap:
+            self.tap(Entry("received", now_ns, datagram))
+        frame = self.receiver.receive(datagram, now_ns)
+        if frame is not None:
+            frames.append(frame)
+        return True
 
     def _listen_more(self, now_ns: int) -> None:
         client = self.receiver.client
@@ -142,7 +163,7 @@ class NatNetSource:
                 self.receiver.counters["data_port_taken"] += 1
                 return
             self._sockets.append(sock)
-            self._poll.register(sock, select.POLLIN)
+            self._watch(sock)
 
     def status(self) -> SourceStatus:
         return self.receiver.status()

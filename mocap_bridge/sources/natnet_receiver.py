@@ -101,8 +101,8 @@ class NatNetReceiver:
             nominal_rate_hz=client.nominal_rate_hz,
             frames_dropped=self._dropped + self._sequence.dropped,
             malformed=client.counters["malformed"],
-            counters=client.counters + self.counters,
-            names=frozenset(client.models.names.values()),
+            counters={**client.counters, **self.counters},
+            names=client.models.known_names,
             duplicate_names=client.models.duplicate_names,
             duplicate_ids=client.models.duplicate_ids,
         )

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from contract.messages import BodyPose
-from mocap_bridge.checks import REACQUIRE_FRAMES, REASONS
+from mocap_bridge.checks import REASONS
+from mocap_bridge.continuity import REACQUIRE_FRAMES
 from mocap_bridge.mock.bodies import BodyState
 from tests.mocap_bridge.lockstep import Story, arena, circling
 
