@@ -92,6 +92,17 @@ def test_kit_verbs_exist(page: str) -> None:
     assert used <= VERBS
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_proofs_and_files_of_kit_commands_exist(page: str) -> None:
+    text = (ROOT / page).read_text()
+    words = [word for line in re.findall(r"\./kit prove((?: [a-z_]+)+)(?=[`\n])", text) for word in line.split()]
+    assert [word for word in words if not (ROOT / "tests" / "prove" / f"test_{word}.py").exists()] == []
+    files = re.findall(
+        r"(?<![\w/])(?:tests|bench|onboard|groundstation|drivers|contract|mocap_bridge)/[\w/]+\.(?:py|sh|txt)", text
+    )
+    assert [file for file in files if "NAME" not in file and not (ROOT / file).exists()] == []
+
+
 def test_a_broken_link_is_found() -> None:
     page = ROOT / "README.md"
     assert broken(page, "# A\n[x](no/such.md) [y](#b) [z](#a)") == [
