@@ -25,9 +25,9 @@ from contract.arena import Arena
 from contract.messages import Message, MocapFrame, MotorBatch, RobotStep, StepBatch
 from groundstation import rig
 from groundstation.conduct import Conductor, new_session
+from groundstation.course import Plan
 from groundstation.link import Link
 from groundstation.processes import Child
-from groundstation.session import Plan
 from groundstation.targets import cloud_of
 
 BLOCK_S = 3.0

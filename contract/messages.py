@@ -164,6 +164,8 @@ class StationHeartbeat(Message, frozen=True, kw_only=True):
     """Addressees of the order; empty means all. ``stop`` always means all."""
     home: bool = False
     """With ``run``: drive to the start poses, links released, in place of the mission."""
+    aside: dict[RobotName, Point] = {}
+    """On the way home: where robots wait, m, that must let others pass first."""
     excluded: tuple[RobotName, ...] = ()
     """Robots taken out of the network: they stand still, the others keep no link to them."""
     mission: Name = ""
@@ -183,6 +185,8 @@ class OrderRequest(Message, frozen=True, kw_only=True):
     order: Request
     robots: tuple[RobotName, ...] = ()
     """Addressees; empty means all."""
+    station: Count = 0
+    """Boot of the session it is meant for, as its heartbeats say: no other obeys it."""
 
 
 class StopRequest(Message, frozen=True, kw_only=True):

@@ -15,12 +15,12 @@ from contract.arena import Arena, ArenaError
 from contract.messages import TargetCloud
 from groundstation import current, rig, runfolder
 from groundstation.conduct import Conductor, new_session
+from groundstation.course import ENDED, Plan
 from groundstation.link import Link, LinkError
 from groundstation.metrics import failures
 from groundstation.processes import ChildError
 from groundstation.recording import RecordingError
 from groundstation.report import write_report
-from groundstation.session import ENDED, Plan
 from groundstation.targets import CloudError, cloud_of
 from groundstation.watch import Watch, render
 

@@ -11,12 +11,14 @@ from typing import Literal
 from contract.arena import Arena
 from contract.messages import MocapFrame, OrderRequest, RunStatus
 from groundstation.current import arena_of
+from groundstation.homeward import timeout_s
 from groundstation.link import Link, LinkError
-from groundstation.session import misplaced
+from groundstation.sighting import misplaced
 
 REPEAT_S = 0.2
 ANSWER_S = 2.0
-HOME_S = 200.0
+HOME_MORE_S = 20.0
+"""Given to the way home beyond what the session gives it."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +87,7 @@ def go_home(arena: Arena, link: Link) -> int:
     words = ""
     status: RunStatus | None = None
     try:
-        for status in statuses(link, HOME_S, request("home")):
+        for status in statuses(link, timeout_s(arena) + HOME_MORE_S, request("home")):
             going = going or status.phase == "homing"
             if status.detail.startswith("home refused"):
                 print(status.detail, file=sys.stderr)

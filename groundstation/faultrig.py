@@ -15,11 +15,11 @@ from typing import NamedTuple
 from contract.messages import Message, MotorBatch, MotorSample, RobotReport, StopRequest
 from groundstation.conduct import Conductor, new_session
 from groundstation.connectivity import summary
+from groundstation.course import ENDED, Plan
 from groundstation.link import Link
 from groundstation.mock_arena import FAULTS_FILE
 from groundstation.recording import Recording, RecordingError
 from groundstation.rig import Rig
-from groundstation.session import ENDED, Plan
 from groundstation.targets import cloud_of
 
 PATIENCE_S = 30.0

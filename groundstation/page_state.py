@@ -17,7 +17,7 @@ from groundstation.page_memory import PageMemory
 from groundstation.page_missing import Missing, missing
 from groundstation.page_reasons import POWERED, SILENT_S, Complaint, Heard, complaint
 from groundstation.page_rows import Sight, row
-from groundstation.session import MISPLACED_M
+from groundstation.sighting import MISPLACED_M
 
 CAUTION_AFTER_S = 1.0
 """A caution must last this long before it is shown: a single late step is no news."""

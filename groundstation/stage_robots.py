@@ -16,18 +16,19 @@ from contract.arena import load
 from drivers.registry import wheel_faults
 from groundstation import current
 from groundstation.conduct import Conductor, new_session
+from groundstation.course import ENDED, Plan
 from groundstation.experiment import judged, outcome
+from groundstation.homeward import timeout_s
 from groundstation.link import Link
 from groundstation.outcomes import Outcome
 from groundstation.processes import Family
 from groundstation.recording import RecordingError
-from groundstation.session import ENDED, Plan
 from groundstation.stage_mock import beside
 from groundstation.targets import CloudError, cloud_of
 from groundstation.trials import Experiment, Trial
 
 READY_S = 10.0
-HOME_S = 200.0
+HOME_MORE_S = 20.0
 REST_S = 3.0
 
 
@@ -106,7 +107,7 @@ class RobotStage:
     def _go_home(self) -> None:
         self._until(lambda: not self._session.lacking(monotonic_ns(), connected=False), READY_S, "not ready to go home")
         self._session.order("home", monotonic_ns())
-        self._until(lambda: self._session.phase != "homing", HOME_S, "not home")
+        self._until(lambda: self._session.phase != "homing", timeout_s(self._arena) + HOME_MORE_S, "not home")
         if away := self._session.misplaced():
             raise NotReady(f"{self._session.detail}; {'; '.join(away)}")
 

@@ -236,7 +236,11 @@ class Agent:
         self._follow_orders(now_ns)
         if self.controller.paper is not None and not self._going_home:
             self.controller.think(view)
-        decision = self.homing.decide(view) if self._going_home else self.controller.act(view)
+        if self._going_home:
+            self.homing.aside = self.supervisor.aside
+            decision = self.homing.decide(view)
+        else:
+            decision = self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
         heard = view.heard
         around = [

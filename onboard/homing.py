@@ -4,7 +4,8 @@ Direction: of those that are free for a quarter of a metre, the one nearest to t
 discs just too large to touch, moving ones larger; of two equal ways round, the right-hand one, so that robots
 that meet pass each other. Speed: what stops within the free length and at home. A robot that comes no nearer for
 a while makes a detour; which way differs from robot to robot and from time to time, so that a jam dissolves. The
-supervisor's fence and separation stand behind all of it.
+supervisor's fence and separation stand behind all of it. Where starts are too near to each other to pass between,
+the station tells robots to wait aside (groundstation/parking.py).
 """
 
 import math
@@ -67,11 +68,14 @@ class Homing:
         self.robot = robot
         self.home = home
         self.arrived = False
+        self.aside: Vector | None = None
+        """Where to wait first, m; None: go home."""
         self._parameters = parameters
         self._bounds = bounds
         (weak, _), (_, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
         self._brake = Brake(weak, slow + 2 * period_s)
         self._side = -1
+        self._goal: Vector = home[:2]
         self._best_m = math.inf
         self._progress_s = -math.inf
         self._detours = 0
@@ -90,9 +94,15 @@ class Homing:
             self._progress_s = max(self._progress_s, view.now_s)
             return Decision(0.0, 0.0, "hold")
         own = (motion.x_m, motion.y_m)
-        away_m = math.dist(own, self.home[:2])
+        goal = self.aside or self.home[:2]
+        if goal != self._goal:
+            self._goal, self._best_m, self._progress_s = goal, math.inf, view.now_s
+        away_m = math.dist(own, goal)
+        if self.aside is not None and away_m <= LEFT_M:
+            self.arrived = False
+            return Decision(0.0, 0.0, "home")
         still = max(abs(motion.left_mps), abs(motion.right_mps)) < RESTING_MPS
-        if away_m <= (LEFT_M if self.arrived else ARRIVED_M):
+        if self.aside is None and away_m <= (LEFT_M if self.arrived else ARRIVED_M):
             error = fold(self.home.heading_rad - motion.heading_rad)
             facing = abs(error) < (2 * FACING_RAD if self.arrived else FACING_RAD)
             self.arrived = facing and (still or self.arrived)
@@ -100,7 +110,7 @@ class Homing:
             return Decision(*rims(0.0, turn, p.wheel_separation_m, p.max_speed_mps), "home")
         self.arrived = False
         discs = [disc for disc in map(self._disc, view.sighted.values()) if math.dist(own, disc[:2]) < REACH_M]
-        speed, turn = steer(self._velocity(own, away_m, discs, view.now_s), motion.heading_rad)
+        speed, turn = steer(self._velocity(own, goal, discs, view.now_s), motion.heading_rad)
         return Decision(*rims(speed, turn, p.wheel_separation_m, p.max_speed_mps), "home")
 
     def _disc(self, seen: Sighted) -> Disc:
@@ -110,8 +120,9 @@ class Homing:
             radius_m += MOVING_M
         return Disc(seen.x_m + seen.vx_mps * seen.age_s, seen.y_m + seen.vy_mps * seen.age_s, radius_m)
 
-    def _velocity(self, own: Vector, away_m: float, discs: Collection[Disc], now_s: float) -> Vector:
-        bearing = math.atan2(self.home.y_m - own[1], self.home.x_m - own[0]) + self._detour(away_m, now_s)
+    def _velocity(self, own: Vector, goal: Vector, discs: Collection[Disc], now_s: float) -> Vector:
+        away_m = math.dist(own, goal)
+        bearing = math.atan2(goal[1] - own[1], goal[0] - own[0]) + self._detour(away_m, now_s)
         need_m = min(FREE_M, max(0.0, away_m - SPARE_M))
         best, best_bend, best_m = math.inf, 0.0, 0.0
         for bend in BENDS_RAD:

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 from contract.arena import Arena, digest
 from contract.messages import SCHEMA_VERSION, TOOK_OVER, RunState, StationHeartbeat, StopRequest
+from contract.units import Point
 from onboard.failsafes import FAILSAFES, Action, Conditions, Sight, age_s, text
 from onboard.limits import REST_MPS
 
@@ -73,6 +74,8 @@ class Supervisor:
         self.homing = False
         """The last ``run`` obeyed was to drive home."""
         self.excluded: frozenset[str] = frozenset()
+        self.aside: Point | None = None
+        """Where this robot waits before it goes home; None: nobody has to pass first."""
         """Robots taken out of the network, by the newest heartbeat."""
         self.mission = ""
         """The station's, by the newest heartbeat."""
@@ -112,6 +115,7 @@ class Supervisor:
             self._past_boots.add(self._station_boot)
         self._station_boot, self._seq = message.boot, message.seq
         self.excluded = frozenset(message.excluded)
+        self.aside = message.aside.get(self._robot)
         self.mission = message.mission
         self._station_ns = min(message.stamp_ns, now_ns)
         self._mismatch = self._difference(message)

@@ -12,8 +12,8 @@ import pytest
 from contract.messages import FeedbackBatch, Message, MocapHealth, MotorBatch, MotorSample, RobotReport, WheelFeedback
 from groundstation import rig
 from groundstation.conduct import Conductor, new_session
+from groundstation.course import Plan
 from groundstation.link import Link
-from groundstation.session import Plan
 from groundstation.targets import cloud_of
 
 ROOT = Path(__file__).parents[2]

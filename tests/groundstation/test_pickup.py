@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from contract.messages import RobotReport, TargetCloud
+from groundstation.course import Plan
 from groundstation.pickup import AGAIN_NS, WITHIN_NS, Notebook
-from groundstation.session import Plan, Session
+from groundstation.session import Session
 from tests.groundstation.test_repeat_and_home import arena_of, at_start, cloud_of
 from tests.groundstation.virtual import Virtual
 

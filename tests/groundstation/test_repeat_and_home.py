@@ -7,7 +7,7 @@ import pytest
 
 from contract.arena import Arena, parse
 from contract.messages import RobotReport, Target, TargetCloud
-from groundstation.session import next_mission
+from groundstation.tally import next_mission
 from onboard.odometry import Pose
 from tests.groundstation.virtual import Virtual
 

@@ -16,7 +16,8 @@ from contract.messages import (
     Target,
     TargetCloud,
 )
-from groundstation.session import Plan, Session
+from groundstation.course import Plan
+from groundstation.session import Session
 
 MS = 1_000_000
 NAMES = ("r06", "r08")

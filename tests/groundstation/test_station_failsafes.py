@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from contract.messages import MocapHealth
+from groundstation.course import Plan
 from groundstation.failsafes import OVERRIDABLE, STATION_FAILSAFES, Facts, StationFailsafe, markdown
 from groundstation.preflight import SAID_ELSEWHERE, Fleet, preflight
-from groundstation.session import Plan
 from tests.groundstation.test_session import ARENA, NAMES, Swarm
 
 SAFETY = ARENA.safety

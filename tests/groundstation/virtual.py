@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable
 from contract.arena import Arena
 from contract.keys import Keys
 from contract.messages import Message, NeighbourState, OrderRequest, Request, RobotReport, TargetCloud
+from groundstation.course import Plan
 from groundstation.hops import Plant, ShortCut
-from groundstation.session import Plan, Session
+from groundstation.session import Session
 from onboard.agent import Agent
 from onboard.ahdc.stopping import Brake
 from onboard.odometry import Pose

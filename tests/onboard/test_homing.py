@@ -58,7 +58,7 @@ def test_from_inside_a_disc_only_the_way_out_is_free(angle: float) -> None:
 def test_alone_it_goes_straight_and_slows_down_to_arrive(away_m: float, bearing: float, heading: float) -> None:
     law = homing()
     law.begin(0.0)
-    u = law._velocity((2.0 - away_m * math.cos(bearing), 2.0 - away_m * math.sin(bearing)), away_m, [], 0.0)
+    u = law._velocity((2.0 - away_m * math.cos(bearing), 2.0 - away_m * math.sin(bearing)), (2.0, 2.0), [], 0.0)
     assert abs(math.remainder(math.atan2(u[1], u[0]) - bearing, math.tau)) < 1e-9
     assert 0.0 < math.hypot(*u) <= 0.48 + 1e-9
     assert math.hypot(*u) ** 2 / (2 * 1.6) < away_m
@@ -88,6 +88,6 @@ def test_without_leave_it_rests_and_its_patience_does_not_run_out() -> None:
 def test_robots_that_meet_pass_on_the_right() -> None:
     law = homing(Home(3.0, 2.0, 0.0))
     other = Sighted(2.4, 2.0, -0.3, 0.0, 0.0, True)
-    u = law._velocity((2.1, 2.0), 0.9, [law._disc(other)], 0.0)
+    u = law._velocity((2.1, 2.0), (3.0, 2.0), [law._disc(other)], 0.0)
     assert u[0] > 0
     assert u[1] < 0
