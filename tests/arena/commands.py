@@ -24,6 +24,8 @@ class Way(NamedTuple):
 
 
 SWEEP = "--robots 6 --targets 19 --runs 100 --conditions field --workers 2 --json sweep.json"
+BESIDE_IT = "trap 'kill $!' EXIT;"
+"""Ends what was begun in the background, however the line ends."""
 ALONE: dict[str, Way] = {
     "source .venv/bin/activate": Way("source .venv/bin/activate && ahdc-groundstation --help"),
     "ahdc-groundstation --help": Way("ahdc-groundstation --help"),
@@ -38,13 +40,13 @@ ALONE: dict[str, Way] = {
         "ahdc-drivers emulate roboclaw --port-link /tmp/lab/wheels &"
     ),
     "ahdc-drivers jog FILE --robot r06": Way(
-        "ahdc-drivers emulate odrive --port-link /tmp/lab/r06 & "
-        "sleep 2; echo www | ahdc-drivers jog lab.toml --robot r06; kill %1",
-        "keys",
+        f"{BESIDE_IT} ahdc-drivers emulate odrive --port-link /tmp/lab/r06 & "
+        "sleep 2; echo www | ahdc-drivers jog lab.toml --robot r06",
+        "let go and it stops",
     ),
     "ahdc-drivers identify FILE --robot r06": Way(
-        "ahdc-drivers emulate odrive --port-link /tmp/lab/r06 & "
-        "sleep 2; printf 'lf\\nrf\\n' | ahdc-drivers identify lab.toml --robot r06; kill %1",
+        f"{BESIDE_IT} ahdc-drivers emulate odrive --port-link /tmp/lab/r06 & "
+        "sleep 2; printf 'lf\\nrf\\n' | ahdc-drivers identify lab.toml --robot r06",
         "both wheels are as the arena file says",
     ),
     "ahdc-groundstation metrics RUN": Way("ahdc-groundstation metrics run1"),
@@ -112,7 +114,8 @@ ALONE: dict[str, Way] = {
         "ahdc-mocap-bridge record --arena lab.toml --out floor.mcap --seconds 3; wait"
     ),
     "ahdc-groundstation doctor --arena lab6.toml": Way(
-        "ahdc-groundstation router --arena site.toml & sleep 3; ahdc-groundstation doctor --arena site.toml; kill %1",
+        f"{BESIDE_IT} ahdc-groundstation router --arena site.toml & "
+        "sleep 3; ahdc-groundstation doctor --arena site.toml",
         "certificate",
     ),
     "keys issue r06 --replace": Way("ahdc-groundstation keys issue r06 --replace --arena site.toml"),
