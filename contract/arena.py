@@ -305,7 +305,7 @@ def parse(table: dict[str, Any], source: str, wheel_check: WheelCheck | None = N
 
 def table_of(arena: Arena) -> dict[str, Any]:
     """The arena as plain TOML-able tables, defaults written out, the unused profile left off."""
-    table: dict[str, Any] = _without_none(msgspec.to_builtins(arena))
+    table = _without_none(msgspec.to_builtins(arena))
     for section in unused_sections(arena.control.profile):
         del table["control"][section]
     return table
@@ -325,10 +325,12 @@ def digest(arena: Arena) -> str:
     return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()[:12]
 
 
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
-    return value
+def _without_none(table: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: _without_none(entry) if isinstance(entry, dict) else entry
+        for key, entry in table.items()
+        if entry is not None
+    }
 
 
 def _unused_profile(table: dict[str, Any]) -> list[Fault]:

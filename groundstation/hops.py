@@ -11,6 +11,7 @@ from onboard.agent import Agent, Drive
 from onboard.ahdc.stopping import Brake, rim_after
 from onboard.odometry import Pose, advance
 
+REST = (0.0, 0.0)
 COAST = Brake(0.6, 0.0)
 """How released motors roll on unless an arena file says otherwise."""
 
@@ -89,14 +90,15 @@ class Body:
             return
         released = self.release_ns is not None and self.time_ns >= self.release_ns
         self.time_ns = now_ns
-        if (released or self.command == (0.0, 0.0)) and self.left_mps == 0.0 == self.right_mps:
+        command, brake = (REST, self.coast) if released else (self.command, self.brake)
+        left, right = self.left_mps, self.right_mps
+        if left == 0.0 == right and command == REST:
             return
-        left_mps, right_mps = (0.0, 0.0) if released else self.command
-        brake = self.coast if released else self.brake
-        self.left_mps, left_m = rim_after(self.left_mps, left_mps, brake, duration_s)
-        self.right_mps, right_m = rim_after(self.right_mps, right_mps, brake, duration_s)
-        if abs(self.left_mps) + abs(self.right_mps) < 1e-7:
-            self.left_mps = self.right_mps = 0.0
+        left, left_m = rim_after(left, command[0], brake, duration_s)
+        right, right_m = rim_after(right, command[1], brake, duration_s)
+        if -1e-7 < left < 1e-7 and abs(left) + abs(right) < 1e-7:
+            left = right = 0.0
+        self.left_mps, self.right_mps = left, right
         self.pose = advance(self.pose, (left_m + right_m) / 2, (right_m - left_m) / wheel_separation_m, 1.0)
 
 
@@ -120,8 +122,10 @@ class ShortCut:
         return 0
 
     def advance(self, now_ns: int) -> None:
+        separation_m = self._separation_m
         for body in self._bodies.values():
-            body.advance(now_ns, self._separation_m)
+            if body.time_ns < now_ns:
+                body.advance(now_ns, separation_m)
 
     def pose(self, name: str) -> Pose:
         return self._bodies[name].pose

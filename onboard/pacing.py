@@ -61,7 +61,7 @@ class Pacing:
         if not self._intervals:
             return None
         nominal_ns = 1e9 * self.period_s
-        errors = sorted(abs(interval - nominal_ns) for interval in self._intervals)
+        errors = sorted([abs(interval - nominal_ns) for interval in self._intervals])
         mean_ns = sum(self._intervals) / len(self._intervals)
         return LoopTiming(
             nominal_hz=round(1 / self.period_s, 3),

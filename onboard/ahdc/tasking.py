@@ -48,7 +48,7 @@ class Tasking:
         self.next_target: int | None = None
         """Chosen while still holding the present one (field)."""
         self.memory = TargetMemory()
-        self.assist = Assist(robot, parameters.robots)
+        self.assist = Assist(robot, min(parameters.robots, NO_HOPS + 1))
         self.book = ClaimBook(robot, parameters.max_speed_mps)
         self.cloud_seen = False
         self.hops = NO_HOPS
@@ -95,10 +95,10 @@ class Tasking:
         return self._goal(view, own)
 
     def _learn(self, view: View) -> None:
-        memory, robots, learned = self.memory, self._parameters.robots, self._learned
+        memory, too_far, learned = self.memory, min(self._parameters.robots, NO_HOPS), self._learned
         memory.see_all(view.targets)
         requests: list[tuple[str, Help]] = []
-        nearest = robots
+        nearest = too_far
         for name, (state, _, silent) in view.heard.items():
             if learned.get(name) is not state:
                 learned[name] = state
@@ -120,7 +120,7 @@ class Tasking:
         self.indicator = is_indicator(self.task, self.target, self._visible)
         leads = self.indicator or (self._field and self.task is Task.TRACKING)
         self.hops = 0 if leads else nearest + 1
-        if self.hops >= robots:
+        if self.hops >= too_far:
             self.hops = NO_HOPS
 
     def _learn_from(self, name: str, state: NeighbourState, now_s: float) -> None:

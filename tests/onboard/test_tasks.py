@@ -1,17 +1,19 @@
 """COTR's field additions: yielding, choice by reachability, memory, HELP."""
 
+import dataclasses
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from contract.messages import Help
 from onboard.ahdc.assist import LIMIT_S, PATIENCE_S, Assist
 from onboard.ahdc.cotr import Claim, Task, reachable_target, spanning_excess_m, yields
 from onboard.ahdc.memory import TargetMemory, from_hex, to_hex
 from onboard.ahdc.plan import Motion
-from onboard.ahdc.tasking import Tasking
+from onboard.ahdc.tasking import NO_HOPS, Tasking
 from onboard.ahdc.view import Heard, Sighted, View
 from tests.onboard.samples import field_parameters, state
 
@@ -126,6 +128,27 @@ def test_a_helper_nearer_to_a_target_than_the_one_that_asks_takes_it_instead_of_
     tasking.update(view)
     assert tasking.task is task
     assert tasking.helping == (task is Task.FREE)
+
+
+@pytest.mark.parametrize(
+    ("heard_hops", "hops"), [(NO_HOPS, NO_HOPS), (NO_HOPS - 1, NO_HOPS), (NO_HOPS - 2, NO_HOPS - 1)]
+)
+def test_in_a_swarm_of_thousands_no_hop_count_leaves_what_a_message_can_say(heard_hops: int, hops: int) -> None:
+    parameters = dataclasses.replace(field_parameters(2), robots=3 * NO_HOPS)
+    tasking = Tasking("r02", parameters)
+    asked = Help(robot="r09", hops=heard_hops - 1, left_m=0.2)
+    told = state("r06", 0.4, hops=heard_hops, help=asked)
+    sighted = {"r06": Sighted(0.4, 0.0, 0.0, 0.0, 0.0, True)}
+    view = View(1.0, Motion(0.0, 0.0, 0.0, 0.0, 0.0), sighted, {"r06": Heard(told, 0.0, False)}, {}, 0.0, True)
+    tasking.update(view)
+    assert tasking.hops == hops
+    assert tasking.assist.told == replace(asked, hops=heard_hops)
+
+
+def test_a_request_from_the_farthest_hop_goes_no_farther() -> None:
+    assist = Tasking("r02", dataclasses.replace(field_parameters(2), robots=3 * NO_HOPS)).assist
+    assist.listen([("r06", Help(robot="r09", hops=NO_HOPS, left_m=0.2))])
+    assert assist.told is None
 
 
 def test_a_request_dies_out_when_its_robot_falls_silent() -> None:
