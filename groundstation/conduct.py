@@ -12,16 +12,19 @@ from pathlib import Path
 from contract.arena import Arena, digest, load
 from contract.messages import LogEntry, Message, TargetCloud
 from groundstation import current
+from groundstation.course import Plan
+from groundstation.doorkeeper import Doorkeeper
 from groundstation.failsafes import OVERRIDABLE
 from groundstation.link import Link, LinkError
 from groundstation.pickup import Notebook
-from groundstation.session import Plan, Session
+from groundstation.session import Session
 from groundstation.targets import CloudError, cloud_of
 
 HEARTBEAT_NS = 50_000_000
 STATUS_NS = 100_000_000
 CLOUD_NS = 500_000_000
 DISK_NS = 1_000_000_000
+REFUSED_NS = 1_000_000_000
 
 
 def new_session(arena: Arena, cloud: TargetCloud, plan: Plan) -> Session:
@@ -54,7 +57,9 @@ class Conductor:
         self.listener: Callable[[Message, float], None] | None = None
         """Also told every message, with the monotonic time in seconds."""
         self._told = cloud
-        self._due = {"heartbeat": 0, "targets": 0, "status": 0, "disk": 0}
+        self._door = Doorkeeper()
+        self._refused = 0
+        self._due = {"heartbeat": 0, "targets": 0, "status": 0, "disk": 0, "refused": 0}
         keys = link.keys
         link.subscribe([keys.mocap_frame, keys.mocap_health, keys.stop, keys.order, keys.seed])
         link.subscribe(key for robot in arena.robots for key in (keys.report(robot), keys.state(robot)))
@@ -62,16 +67,22 @@ class Conductor:
     def turn(self) -> None:
         """Take what has arrived, publish what is due, and wait at most until the next heartbeat."""
         for _, message in self._link.drain():
+            if not self._door.lets(message):
+                continue
             self.session.receive(message, time.monotonic_ns())
             if self.listener is not None:
                 self.listener(message, time.monotonic())
         now_ns = time.monotonic_ns()
         if self._take("disk", DISK_NS, now_ns) and self._folder is not None:
             self.session.disk_free_mb = shutil.disk_usage(self._folder).free / 1e6
+        if self._take("refused", REFUSED_NS, now_ns):
+            self._tell_refused(now_ns)
         if self._take("heartbeat", HEARTBEAT_NS, now_ns):
             self.session.advance(now_ns)
             self._note_overrides(now_ns)
-            self._link.publish(self._link.keys.heartbeat, self.session.heartbeat(now_ns), "heartbeat")
+            beat = self.session.heartbeat(now_ns)
+            self._door.boot = beat.boot
+            self._link.publish(self._link.keys.heartbeat, beat, "heartbeat")
         if self.session.cloud is not self._told:
             self._told, self._due["targets"] = self.session.cloud, now_ns
         if self._take("targets", CLOUD_NS, now_ns):
@@ -103,6 +114,22 @@ class Conductor:
                 words = f"{name} overridden by the operator"
                 entry = LogEntry(stamp_ns=now_ns, level="warning", source="station", event="override", text=words)
                 self._link.publish(self._link.keys.log("station"), entry, "log")
+
+    def _tell_refused(self, now_ns: int) -> None:
+        """What was not let in goes into the log, by name and number."""
+        refused = self._door.refused
+        if refused.total() > self._refused:
+            self._refused = refused.total()
+            words = ", ".join(f"{name} {count}" for name, count in sorted(refused.items()))
+            entry = LogEntry(
+                stamp_ns=now_ns,
+                level="warning",
+                source="station",
+                event="refused",
+                text=words[:400],
+                fields={**refused},
+            )
+            self._link.publish(self._link.keys.log("station"), entry, "log")
 
     def _take(self, what: str, period_ns: int, now_ns: int) -> bool:
         if now_ns < self._due[what]:

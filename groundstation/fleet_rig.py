@@ -34,6 +34,8 @@ def fleet_arena(source: Path, out: Path, protocol: Protocol, changes: rig.Change
     space = Namespaces(WIRED, list(table["robots"]))
     router = space.address("bridge" if protocol == "tcp" else "router")
     table["link"] = {"router": f"{protocol}/{router}:{PORT}"}
+    if protocol == "quic":
+        table["link"]["listen"] = [f"{kind}/{router}:{PORT}" for kind in ("quic", "tls")]
     table["link"] |= {"insecure": True} if protocol == "tcp" else {"keys": "keys"}
     table["mocap"] |= {"server": space.address("mocap"), "local_address": space.address("bridge")}
     arena = parse(table, str(source))

@@ -4,9 +4,12 @@ import contextlib
 import os
 import select
 import sys
+import time
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
+
+from msgspec.structs import replace
 
 from contract import network
 from contract.arena import Arena, ArenaError
@@ -14,9 +17,11 @@ from contract.codec import WireError, decode, encode
 from contract.exposure import exposure
 from contract.joining import open_session, publisher
 from contract.keys import Keys
-from contract.messages import Message
+from contract.messages import Message, OrderRequest, StationHeartbeat
 
 QUEUE = 20_000
+HEARD_S = 0.5
+"""For the first heartbeat of the session that an order is for."""
 
 
 class LinkError(RuntimeError):
@@ -57,6 +62,8 @@ class Link:
         self._event = -1
         self._session: Any = None
         self._token: Any = None
+        self._beats: Any = None
+        self._boot = 0
 
     def __enter__(self) -> "Link":
         import zenoh
@@ -91,11 +98,32 @@ class Link:
             os.eventfd_write(self._event, 1)
 
     def publish(self, key: str, message: Message, channel: str) -> None:
-        """Put one message with the quality of service of its channel (:data:`contract.network.QOS`)."""
+        """Put one message with the quality of service of its channel (:data:`contract.network.QOS`).
+
+        An order names the station's session that is heard now; the first one waits for that, at most ``HEARD_S``.
+        """
+        if isinstance(message, OrderRequest):
+            message = replace(message, station=self.station())
         speaker = self._publishers.get(key)
         if speaker is None:
             speaker = self._publishers[key] = publisher(self._session, key, channel)
         speaker.put(encode(message))
+
+    def station(self) -> int:
+        """Boot of the session whose heartbeats are heard; 0: none is. Only the first call waits for one."""
+        deadline = 0.0
+        if self._beats is None:
+            import zenoh
+
+            deadline = time.monotonic() + HEARD_S
+            self._beats = self._session.declare_subscriber(self.keys.heartbeat, zenoh.handlers.RingChannel(1))
+        while (sample := self._beats.try_recv()) is not None or (not self._boot and time.monotonic() < deadline):
+            if sample is None:
+                time.sleep(0.005)
+                continue
+            with contextlib.suppress(WireError):
+                self._boot = decode(StationHeartbeat, sample.payload.to_bytes()).boot
+        return self._boot
 
     def wait(self, timeout_s: float) -> None:
         """Until something has arrived, at most ``timeout_s``."""

@@ -5,6 +5,7 @@ from datetime import datetime
 from html import escape
 from pathlib import Path
 
+from contract.exposure import exposure
 from groundstation.activity import ACTIVITIES
 from groundstation.connectivity import tree_floor
 from groundstation.measures import Spread
@@ -68,6 +69,7 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
     arena = run.history.arena
     emulated = all("wheels" in robot.emulate for robot in arena.robots.values())
     width, height = arena.arena.size_m
+    exposed = exposure((arena.link.router, *arena.link.listen), arena.link.keys)
     place = about.get("place") or ("Mock arena" if emulated else "Real wheels")
     subtitle = (
         f"{len(arena.robots)} robots, arena {arena.arena.name}, {width:g} m by {height:g} m, profile "
@@ -89,6 +91,7 @@ def page(run: Run, metrics: Metrics, figures: Path) -> bytes:
         f"<h1>{escape(title(metrics))}</h1>",
         f'<p class="about">{escape(subtitle)}</p>',
         f'<p class="verdict">{" ".join(verdict(metrics))}</p>',
+        *([f'<p class="verdict"><b class="bad">{escape(exposed)}</b></p>'] if exposed else []),
         '<div class="five">' + "".join(f"<div><b>{v}</b><span>{t}</span></div>" for v, t in five) + "</div>",
         image(figures / "topology.png", 1, f"Six moments of the run, to scale, {lies}. Numbers are ids of robots and, "
               "small, of targets."),

@@ -29,6 +29,7 @@ class Intake(Link):
         self.subscribe([f"{keys.site}/log/**", *(keys.report(robot) for robot in arena.robots)])
         presence = f"{keys.site}/presence/*"
         self._session.liveliness().declare_subscriber(presence, self._attend, history=True)
+        self.station()
 
     def _attend(self, sample: Any) -> None:
         source = str(sample.key_expr).rpartition("/")[2]

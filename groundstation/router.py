@@ -1,7 +1,8 @@
 """``router``: the router of a secured site: mutual TLS, and rules for every holder of a certificate.
 
-A process of its own, so that it can be renewed while the site runs: when the arena file, the register or its own
-certificate changes, it begins anew in the same process, with rules made afresh. Robots hold for that moment and go on.
+A process of its own, so that it can be renewed while the site runs: when the arena file, who counts by the register, or
+its own certificate changes, it begins anew in the same process, with rules made afresh. Robots hold for that moment and
+go on.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from contract import network
 from contract.arena import Arena, ArenaError, load
 from contract.joining import open_session
 from groundstation import access
-from groundstation.keyring import REGISTER, Keyring, KeysError
+from groundstation.keyring import Keyring, KeysError
 
 LOOK_S = 0.5
 
@@ -79,16 +80,22 @@ def counted(arena: Arena) -> dict[str, str]:
     return Keyring(Path(arena.link.keys)).register().common_names()
 
 
-def fingerprint(path: Path, arena: Arena) -> tuple[tuple[int, int], ...]:
-    """Changes whenever a file changes that the router was configured from."""
+def fingerprint(path: Path, arena: Arena) -> tuple[object, ...]:
+    """Changes whenever something changes that the router was configured from.
+
+    A certificate that is renewed under the same name is none of that: the sessions of a site outlive its renewal.
+    """
     keys = Path(arena.link.keys)
-    found = []
-    for part in (path, keys / REGISTER, keys / "ca.pem", keys / "router" / "certificate.pem"):
+    try:
+        found: list[object] = [sorted(counted(arena).items())]
+    except KeysError as error:
+        found = [str(error)]
+    for part in (path, keys / "ca.pem", keys / "router" / "certificate.pem"):
         try:
             status = part.stat()
             found.append((status.st_mtime_ns, status.st_ino))
         except OSError:
-            found.append((0, 0))
+            found.append(None)
     return tuple(found)
 
 

@@ -11,7 +11,12 @@ import select
 import socket
 import sys
 import time
+import urllib.error
+import urllib.request
 from typing import Any
+
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 
 from contract import network
 
@@ -61,6 +66,35 @@ def crowd(attempt: dict[str, Any]) -> None:
     sys.stdin.read()
 
 
+def browse(attempt: dict[str, Any]) -> dict[str, Any]:
+    """What a page of somebody else's gets from the arena page: a socket and an answer, or why not; a STOP's status."""
+    host, port = attempt["address"]
+    if "post" in attempt:
+        body = b"x" * attempt["post"]
+        request = urllib.request.Request(f"http://{host}:{port}/stop", body, attempt.get("headers", {}), method="POST")
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE_S) as response:
+                return {"status": response.status}
+        except urllib.error.HTTPError as error:
+            return {"status": error.code}
+        except OSError:
+            return {"status": 0}
+    path = f"ws://{attempt.get('name', host)}:{port}/ws"
+    try:
+        with connect(path, sock=socket.create_connection((host, port)), origin=attempt.get("origin")) as browser:
+            answers = []
+            for words in attempt["says"]:
+                browser.send(json.dumps({**words, "pad": "x" * attempt.get("pad", 0)}))
+                while (message := json.loads(browser.recv(timeout=PATIENCE_S)))["kind"] != "answer":
+                    pass
+                answers.append(message["text"])
+            return {"socket": True, "answers": answers}
+    except InvalidStatus as error:
+        return {"socket": False, "status": error.response.status_code}
+    except ConnectionClosed as error:
+        return {"socket": True, "closed": error.rcvd.code if error.rcvd else 0}
+
+
 def asked(session: zenoh.Session, key: str) -> list[zenoh.Reply]:
     """What others answer."""
     return (
@@ -76,6 +110,8 @@ def main() -> None:
         return posing(attempt)
     if attempt.get("crowd"):
         return crowd(attempt)
+    if attempt.get("browse"):
+        return print(json.dumps(browse(attempt)), flush=True)
     try:
         session = opened(attempt)
     except zenoh.ZError:
@@ -90,7 +126,7 @@ def main() -> None:
         queryable = session.declare_queryable(forge, lambda query: query.reply(forge, b"forged")) if forge else None
         for key in attempt.get("ask", []):
             heard += [str(reply.ok.key_expr) for reply in asked(session, key) if reply.ok]
-        payload = b"x" * attempt.get("bytes", 100)
+        payload = bytes.fromhex(attempt["hex"]) if "hex" in attempt else b"x" * attempt.get("bytes", 100)
         began = time.monotonic()
         for _ in range(attempt.get("times", 1)):
             for key in attempt.get("put", []):
@@ -104,7 +140,7 @@ def main() -> None:
                 time.sleep(0.01)
         del tokens, queryable
         print(json.dumps({"opened": True, "heard": sorted(set(heard)), "seconds": seconds}), flush=True)
-        while not select.select([sys.stdin], [], [], 0.1)[0]:
+        while "last" in attempt and not select.select([sys.stdin], [], [], 0.1)[0]:
             session.put(attempt["last"], b"last", congestion_control=zenoh.CongestionControl.DROP)
     return None
 

@@ -3,37 +3,33 @@
 A mission after the other on one fleet, since its start takes longest: cut links, a router that restarts, a bad radio.
 """
 
-import time
+import json
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from contract.messages import MotorBatch, MotorSample
-from groundstation import rig, runfolder
-from groundstation.fleet_operator import PATIENCE_S, Operator
-from groundstation.fleet_rig import FleetRig, fleet_arena
-from groundstation.metrics import Metrics
-from groundstation.recording import Recording
+from contract.codec import encode
+from contract.keys import Keys
+from contract.messages import MocapFrame, NeighbourState, OrderRequest, StationHeartbeat
+from groundstation import rig
+from groundstation.access import STATE_BYTES
+from groundstation.fleet_rig import PORT, FleetRig, fleet_arena
 from groundstation.weather import Weather
+from tests.root.fleet import (
+    HOLD_NS,
+    Fleet,
+    assert_at_zero,
+    commands,
+    judged,
+    reports_of,
+    secrets_of,
+    settled,
+    told,
+    written,
+)
 
-ROBOTS, TARGETS = 6, 8
+ROBOTS, TARGETS = 6, 5
 LONG_CUT_S = 5.0
-HOLD_NS = 450_000_000
-"""From the cut until a robot holds: poses silent for 0.15 s, a step, the motor's bus, the relay's 50 ms; and room."""
-
-
-class Fleet(Operator):
-    """A running fleet with its station."""
-
-    def cut(self, robot: str, seconds: float) -> tuple[int, int]:
-        """Let nothing of the robot through the radio for so long; from and until when, site time ns."""
-        self.site.weather(Weather(cut=(robot,)))
-        began_ns = time.monotonic_ns()
-        time.sleep(seconds)
-        ended_ns = time.monotonic_ns()
-        self.site.weather(Weather())
-        return began_ns, ended_ns
 
 
 @pytest.fixture(scope="module")
@@ -47,68 +43,74 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
         yield Fleet(site)
 
 
-def commands(folder: Path, robot: str, began_ns: int, ended_ns: int) -> list[MotorSample]:
-    """What the emulated motors decoded in that time; they are recorded over the wire."""
-    batches = (entry.message for entry in Recording(folder / "run.mcap").messages())
-    mine = (batch for batch in batches if isinstance(batch, MotorBatch) and batch.robot == robot)
-    return [sample for batch in mine for sample in batch.samples if began_ns <= sample.stamp_ns <= ended_ns]
-
-
-def assert_at_zero(samples: list[MotorSample]) -> None:
-    assert samples, "the motors heard of it"
-    moving = [sample for sample in samples if (sample.left_radps or sample.right_radps) and not sample.released]
-    assert not moving
-
-
-def judged(folder: Path) -> Metrics:
-    """What the mission came to; its network never split and nobody touched another."""
-    metrics = runfolder.read(folder).metrics
-    assert metrics is not None
-    assert (metrics.disconnected_frames, metrics.collisions) == (0, 0)
-    return metrics
-
-
-def settled(folder: Path) -> None:
-    """Until the recorder has written what was to be judged."""
-    size, deadline = -1, time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline and (now := (folder / "run.mcap").stat().st_size) != size:
-        size = now
-        time.sleep(2.0)
-
-
 @pytest.mark.timeout(400)
 def test_cuts_and_a_router_that_is_killed_leave_a_mission_whole(fleet: Fleet) -> None:
     """Wheels rest while a robot hears nothing; all go on, released by the operator where they must, not repaired."""
-    site = fleet.site
+    site, folder = fleet.site, fleet.folder
     fleet.begin()
     fleet.cut("r08", 0.2)
     began_ns, ended_ns = fleet.cut("r08", 1.0)
     site.kill_router()
     fleet.finish()
-    settled(site.out)
-    judged(site.out)
-    assert_at_zero(commands(site.out, "r08", began_ns + HOLD_NS, ended_ns))
-
-
-@pytest.mark.timeout(400)
-def test_after_a_long_cut_a_robot_waits_for_the_operator_and_the_mission_goes_on(fleet: Fleet) -> None:
-    """Unless the others have done the rest without it."""
-    site = fleet.site
-    fleet.again()
-    began_ns, ended_ns = fleet.cut("r08", LONG_CUT_S)
-    fleet.finish()
-    folder = site.out.with_name(f"{site.out.name}-2")
-    settled(folder)
+    settled([folder])
     judged(folder)
     assert_at_zero(commands(folder, "r08", began_ns + HOLD_NS, ended_ns))
 
 
 @pytest.mark.timeout(400)
-def test_a_tenth_of_all_frames_lost_splits_no_network_and_stops_no_mission(fleet: Fleet) -> None:
-    site = fleet.site
-    site.weather(Weather(loss=0.1, jitter_ms=5.0))
-    fleet.again()
+def test_after_a_long_cut_a_robot_waits_for_the_operator_and_the_mission_goes_on(fleet: Fleet) -> None:
+    """Unless the others have done the rest without it."""
+    folder = fleet.next_mission()
+    began_ns, ended_ns = fleet.cut("r08", LONG_CUT_S)
     fleet.finish()
-    folder = site.out.with_name(f"{site.out.name}-3")
-    settled(folder)
+    settled([folder])
     judged(folder)
+    assert_at_zero(commands(folder, "r08", began_ns + HOLD_NS, ended_ns))
+
+
+@pytest.mark.timeout(400)
+def test_a_tenth_of_all_frames_lost_and_intruders_besides_stop_no_mission(fleet: Fleet) -> None:
+    """Loss on the radio; on the wire a stolen robot's flood of its logs and of states too big for the router, a crowd
+    that never says who it is, and holders of the station's, the bridge's and a robot's own keys who say again what was
+    said in the first mission. All are processes of their own."""
+    site, out = fleet.site, fleet.site.out
+    keys, router = Keys(site.arena.arena.name), site.network.address("router")
+    first = {type(message): message for message in told(out) if not isinstance(message, NeighbourState)}
+    state = next(message for message in told(out) if isinstance(message, NeighbourState) and message.robot == "r08")
+    replays = {
+        "station": (keys.heartbeat, next(m for m in told(out) if isinstance(m, StationHeartbeat) and m.order == "run")),
+        "bridge": (keys.mocap_frame, first[MocapFrame]),
+        "r08": (keys.state("r08"), state),
+        "operator": (keys.order, next(m for m in told(out) if isinstance(m, OrderRequest) and m.order == "disarm")),
+    }
+    site.weather(Weather(loss=0.1, jitter_ms=5.0))
+    folder = fleet.next_mission()
+    crowd = {"crowd": True, "address": [router, PORT], "udp_port": PORT, "connections": 200}
+    attackers = [
+        fleet.attack("mocap", "r08", **crowd),
+        fleet.attack("mocap", "r08", put=[keys.log("r08")], bytes=2000, times=10_000),
+        fleet.attack("mocap", "r08", put=[keys.state("r08")], bytes=STATE_BYTES + 1, times=500),
+        *(
+            fleet.attack("mocap", who, put=[key], hex=encode(old).hex(), times=100)
+            for who, (key, old) in replays.items()
+        ),
+    ]
+    said = [json.loads(process.stdout.readline()) for process in attackers if process.stdout is not None]
+    assert [entry.get("held", entry.get("opened")) for entry in said] == [200, *[True] * (len(attackers) - 1)]
+    fleet.finish()
+    for process in attackers:
+        process.communicate(timeout=30.0)
+    site.weather(Weather())
+    settled([folder])
+    judged(folder)
+    for name in site.arena.robots:
+        reports = reports_of(folder, name)
+        for counter in ("heartbeat replayed", "frame not newer"):
+            assert reports[-1].counters.get(counter, 0) > reports[0].counters.get(counter, 0), (name, counter)
+
+
+def test_nothing_that_a_fleet_leaves_behind_holds_a_secret(fleet: Fleet) -> None:
+    secrets, text = secrets_of(fleet.site.out), written(fleet.site.out)
+    assert len(secrets) > ROBOTS
+    assert b"link" in text
+    assert not [secret for secret in secrets if secret in text]

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,12 @@ class Site:
         before, deadline = len(self.heard), time.monotonic() + PATIENCE_S
         while (key, text) not in self.heard[before:]:
             assert time.monotonic() < deadline, f"{text!r} not heard on {key}"
+            time.sleep(0.01)
+
+    def wait_until(self, done: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < deadline
             time.sleep(0.01)
 
     def wait_until_renewed(self, times: int) -> None:
@@ -254,6 +260,94 @@ def test_a_robot_that_poses_as_the_router_is_not_believed(table: Any) -> None:
         pose.communicate(timeout=PATIENCE_S)
 
 
+@pytest.fixture(scope="module")
+def page(table: Any) -> Iterator[tuple[Site, int, str]]:
+    """The site's arena page on every address of this computer, with its port and token."""
+    site, _ = table
+    with pytest.MonkeyPatch.context() as patch, Family() as family:
+        patch.setenv("XDG_STATE_HOME", str(site.folder / "state"))
+        patch.delenv("STATE_DIRECTORY", raising=False)
+        words = ["page", "--arena", str(site.file), "--port", "0", "--host", "0.0.0.0"]
+        served = family.start("page", "groundstation", words, site.folder / "page.log")
+        family.wait_ready(PATIENCE_S)
+        port = int(served._text.decode().rpartition("READY page http://0.0.0.0:")[2].split("/")[0])
+        token = (site.folder / "state" / "ahdc" / "page-token").read_text().strip()
+        assert token not in served._text.decode() + served.log.read_text()
+        yield site, port, token
+
+
+def browsed(site: Site, port: int, **attempt: object) -> dict[str, Any]:
+    process = site.start({"browse": True, "address": ["127.0.0.1", port], **attempt})
+    return dict(json.loads(process.communicate(timeout=PATIENCE_S)[0]))
+
+
+ARM = {"do": "order", "to": 1, "order": "arm"}
+SEED = {"do": "seed", "to": 1, "points": [[1.0, 1.0]]}
+RELEASE = {"do": "release", "to": 1, "typed": "RELEASE"}
+
+
+def test_the_page_hears_no_other_page_and_nobody_without_the_token(page: Any) -> None:
+    """No socket for another origin; without the token one may look, not seed, arm or release; with it one may."""
+    site, port, token = page
+    k, quiet_from = site.keys, len(site.heard)
+    other = browsed(site, port, says=[ARM | {"token": token}], origin="http://elsewhere.example")
+    assert other["socket"] is False
+    without = (ARM, SEED, RELEASE, *(ARM | {"token": wrong} for wrong in ("guessed", "", None)))
+    answers = browsed(site, port, says=without)["answers"]
+    assert len(answers) == len(without)
+    assert all("not allowed" in answer for answer in answers)
+    assert browsed(site, port, says=[ARM | {"token": token}], pad=1 << 20)["closed"] == 1009
+    site.wait_for(b"good", k.report("r08"))
+    wished = {key for key, payload in site.heard[quiet_from:] if key in (k.order, k.seed) and payload != b"last"}
+    assert not wished
+    assert browsed(site, port, says=[ARM | {"token": token}]) == {"socket": True, "answers": [""]}
+    site.wait_until(lambda: any(key == k.order and b'"arm"' in payload for key, payload in site.heard[quiet_from:]))
+
+
+def test_stop_needs_no_token_and_an_oversized_one_is_obeyed_unread(page: Any) -> None:
+    site, port, _ = page
+    for size, status in ((2, 200), (1 << 21, 413)):
+        before = len(site.heard)
+        headers = {"Origin": "http://elsewhere.example", "Content-Type": "text/plain"}
+        assert browsed(site, port, post=size, headers=headers)["status"] in (status, 0)
+        site.wait_until(lambda: any(key == site.keys.stop for key, _ in site.heard[before:]))  # noqa: B023
+
+
+def test_certificates_are_renewed_under_live_sessions(table: Any) -> None:
+    """A robot's, without anybody noticing; the router's own, after which every session comes back by itself."""
+    site, _ = table
+    k, now = site.keys, datetime.now(UTC)
+    begun = site.router._text.count(b"READY")
+    old = site.start({"files": kept(site, "r06"), "timeout_s": PATIENCE_S, "last": k.log("r06")})
+    assert site.answer(old)["opened"]
+    assert site.keyring.issue("r06", 3.0, now, replace=True) == "r06"
+    new = site.start({"files": site.files("r06"), "timeout_s": PATIENCE_S, "last": k.state("r06")})
+    try:
+        assert site.answer(new)["opened"]
+        for _ in range(5):
+            site.wait_for(b"last", k.state("r06"))
+            site.wait_for(b"last", k.log("r06"))
+        site.router.listen()
+        assert site.router._text.count(b"READY") == begun, "the sessions outlived the renewal"
+        site.keyring.issue("router", 3.0, now, keys.servers_of(site.arena), replace=True)
+        site.wait_until_renewed(begun)
+        for key, text in ((k.state("r06"), b"last"), (k.log("r06"), b"last"), (k.report("r08"), b"good")):
+            site.wait_for(text, key)
+    finally:
+        for process in (old, new):
+            process.kill()
+            process.communicate()
+
+
+def kept(site: Site, name: str) -> list[str]:
+    """Copies of what a holder has now, for somebody who keeps them."""
+    said = [site.files(name)[0]]
+    for path, source in zip((f"{name}.old.pem", f"{name}.old.key"), site.files(name)[1:], strict=True):
+        (site.folder / path).write_bytes(Path(source).read_bytes())
+        said.append(str(site.folder / path))
+    return said
+
+
 def test_a_crowd_at_the_door_keeps_nobody_out(table: Any) -> None:
     """Connections that never say who they are, and noise. (TLS handshakes queue; QUIC's do not.)"""
     site, _ = table
@@ -275,15 +369,12 @@ def test_a_revoked_robot_is_shut_out_and_comes_back_with_new_keys_while_the_site
     """Its certificate has not expired, but counts no more as soon as the router has taken the register in."""
     site, _ = table
     k = site.keys
-    said = [site.files("r06")[0]]
-    for path, source in zip(("old.pem", "old.key"), site.files("r06")[1:], strict=True):
-        (site.folder / path).write_bytes(Path(source).read_bytes())
-        said.append(str(site.folder / path))
-    thief = site.start({"files": said, "timeout_s": PATIENCE_S, "last": k.log("r06")})
+    begun = site.router._text.count(b"READY")
+    thief = site.start({"files": kept(site, "r06"), "timeout_s": PATIENCE_S, "last": k.log("r06")})
     assert site.answer(thief)["opened"]
     site.wait_for(b"last", k.log("r06"))
     site.keyring.revoke("r06")
-    site.wait_until_renewed(1)
+    site.wait_until_renewed(begun)
     for _ in range(3):
         site.wait_for(b"good", k.report("r08"))
     quiet_from = len(site.heard)
@@ -291,7 +382,7 @@ def test_a_revoked_robot_is_shut_out_and_comes_back_with_new_keys_while_the_site
         site.wait_for(b"good", k.report("r08"))
     assert (k.log("r06"), b"last") not in site.heard[quiet_from:]
     assert site.keyring.issue("r06", 1.0, datetime.now(UTC)) == "r06.2"
-    site.wait_until_renewed(2)
+    site.wait_until_renewed(begun + 1)
     assert (k.log("r06"), b"last") not in site.heard[quiet_from:]
     owner = site.start({"files": site.files("r06"), "timeout_s": PATIENCE_S, "last": k.log("r06")})
     assert site.answer(owner)["opened"]
