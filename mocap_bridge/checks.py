@@ -9,7 +9,7 @@ from math import floor, isfinite
 
 from contract.arena import Arena
 from contract.messages import BodyPose
-from mocap_bridge.continuity import Continuity, Seen
+from mocap_bridge.continuity import SURE_NORM2, Continuity, Seen
 from mocap_bridge.frames import ArenaFrame, Pose
 from mocap_bridge.natnet.frame import TRACKING_VALID, Body
 from mocap_bridge.sources.base import SourceFrame
@@ -44,6 +44,8 @@ BOX_HEIGHT_M = 2.5
 
 _NORM_LOW, _NORM_HIGH = (1.0 - QUATERNION_NORM_ERROR) ** 2, (1.0 + QUATERNION_NORM_ERROR) ** 2
 _FAR_M2, _LEAST_M = FAR_M * FAR_M, -BOX_MARGIN_M
+_SURE_M = 0.57 * FAR_M
+"""With no coordinate beyond this a body is less than :data:`FAR_M` away."""
 
 
 class Checker:
@@ -66,18 +68,59 @@ class Checker:
         """A verdict on every robot's body, in the order of the arena file."""
         now_ns = frame.exposure_ns
         bodies, edited = frame.bodies, frame.edited and not self._allow_edited
-        look = self._look
-        seen: list[Seen] = []
+        continuity, glance, look = self._continuity, self._glance, self._look
+        last_ns, (near_m2, least) = continuity.last_ns, continuity.sure(now_ns)
+        seen: list[Seen | None] = []
+        steady: list[Seen] = []
+        doubted: list[Seen] = []
         for track in self.tracks:
             body = bodies.get(track.body)
             if body is None or edited:
                 track.reason = "missing" if body is None else "edit_mode"
                 seen.append(None)
                 continue
+            if track.accepted_ns == last_ns >= 0 and track.candidate is None:
+                pose = glance(track, body, near_m2, least)
+                if pose is not None:
+                    entry = track, pose, body
+                    seen.append(entry)
+                    steady.append(entry)
+                    continue
             pose = look(track, body, now_ns)
-            seen.append(None if pose is None else (pose, body))
-        self._continuity.check(seen, now_ns)
+            if pose is None:
+                seen.append(None)
+            else:
+                entry = track, pose, body
+                seen.append(entry)
+                doubted.append(entry)
+        continuity.check(seen, steady, doubted, now_ns)
         return tuple([_verdict(track) for track in self.tracks])
+
+    def _glance(self, track: Track, body: Body, near_m2: float, least: float) -> Pose | None:
+        """The pose of a body that goes on as in the last frame, if it would pass every check by a margin; else None."""
+        _, x, y, z, qx, qy, qz, qw, error_m, params = body
+        _, bx, by, bz, ax, ay, az, aw, _, _ = track.believed
+        dx, dy, dz = x - bx, y - by, z - bz
+        dot = ax * qx + ay * qy + az * qz + aw * qw
+        if (
+            0.0 < dx * dx + dy * dy + dz * dz < near_m2
+            and dot * dot > least
+            and params & TRACKING_VALID
+            and error_m <= MARKER_ERROR_WARN_M
+            and 0.999 < qx * qx + qy * qy + qz * qz + qw * qw < SURE_NORM2
+            and -_SURE_M < x < _SURE_M
+            and -_SURE_M < y < _SURE_M
+            and -_SURE_M < z < _SURE_M
+        ):
+            pose = self._pose_of(x, y, z, qx, qy, qz, qw, track.offset_rad)
+            if (
+                pose.up >= TILT_COS
+                and _LEAST_M <= pose.x_m <= self._width_m
+                and _LEAST_M <= pose.y_m <= self._depth_m
+                and -BOX_HEIGHT_M <= pose.z_m <= BOX_HEIGHT_M
+            ):
+                return pose
+        return None
 
     def _look(self, track: Track, body: Body, now_ns: int) -> Pose | None:
         """The pose; None with a reason if that is in this frame alone (or in bits that never change)."""

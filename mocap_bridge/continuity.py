@@ -17,7 +17,12 @@ SWAP_STEP_M = 0.08
 FORGET_NS = 30_000_000_000
 """A body unseen for longer has left its place."""
 
-Seen = tuple[Pose, Body] | None
+_SURE_STEP_M2 = 0.99 * SWAP_STEP_M**2
+SURE_NORM2 = 1.001
+_SURE_NORMS = 1.03 * SURE_NORM2
+"""No less than the product of two squared norms that pass the checks, one of them below :data:`SURE_NORM2`."""
+
+Seen = tuple[Track, Pose, Body]
 """A body of this frame that stands the checks of one frame."""
 
 
@@ -27,7 +32,7 @@ class Continuity:
     def __init__(self, tracks: list[Track], speed_mps: float) -> None:
         self._tracks = tracks
         self._speed_mps = speed_mps
-        self._last_ns = -1
+        self.last_ns = -1
 
     def restart(self) -> None:
         """The source has started anew: nothing is believed yet."""
@@ -35,17 +40,37 @@ class Continuity:
             track.accepted_ns = -1
             track.candidate = None
             track.resets += 1
-        self._last_ns = -1
+        self.last_ns = -1
 
-    def check(self, seen: list[Seen], now_ns: int) -> None:
-        """Believe the poses ``seen``, in the order of the tracks, or give a track the reason why not."""
-        usual_ns, usual = self._last_ns, self._limits(now_ns - self._last_ns)
-        accepted: list[tuple[Track, Pose, Body]] = []
-        doubted = False
-        for track, entry in zip(self._tracks, seen, strict=True):
-            if entry is None:
-                continue
-            pose, body = entry
+    def sure(self, now_ns: int) -> tuple[float, float]:
+        """What a body that was believed in the last frame needs no judge for, with room for rounding.
+
+        The square of a step that is neither a jump nor a change of places, and the square of the product of its
+        quaternion, of norm near 1, with the last above which it has not turned too far.
+        """
+        farthest, smallest = self._limits(now_ns - self.last_ns)
+        return min(0.99 * farthest, _SURE_STEP_M2), _SURE_NORMS * smallest
+
+    def check(self, seen: list[Seen | None], steady: list[Seen], doubted: list[Seen], now_ns: int) -> None:
+        """Believe the bodies ``steady``; believe those ``doubted``, or give the track the reason why not.
+
+        Both go by the order of the tracks; ``seen`` has an entry for every track.
+        """
+        if doubted:
+            self._judge(seen, doubted, now_ns)
+        for track, pose, body in steady:
+            track.pose = track.place = pose
+            track.raw = track.believed = body
+            track.reason = ""
+            track.changed_ns = track.accepted_ns = now_ns
+        if doubted:
+            self._follow_places(seen, now_ns)
+        self.last_ns = now_ns
+
+    def _judge(self, seen: list[Seen | None], doubted: list[Seen], now_ns: int) -> None:
+        usual_ns, usual = self.last_ns, self._limits(now_ns - self.last_ns)
+        accepted: list[Seen] = []
+        for track, pose, body in doubted:
             if track.accepted_ns < 0:
                 accepted.append((track, pose, body))
                 continue
@@ -58,7 +83,6 @@ class Continuity:
             if not fault:
                 accepted.append((track, pose, body))
                 continue
-            doubted = True
             track.reason = fault
             if track.candidate is None:
                 track.consistent = 0
@@ -69,9 +93,6 @@ class Continuity:
             track.pose = track.place = pose
             track.believed = body
             track.accepted_ns, track.candidate = now_ns, None
-        if doubted:
-            self._follow_places(seen, now_ns)
-        self._last_ns = now_ns
 
     def _limits(self, elapsed_ns: int) -> tuple[float, float]:
         """Squares of the farthest step, and of the smallest quaternion product, in so much time."""
@@ -79,13 +100,15 @@ class Continuity:
         turn = min(TURN_RADPS * elapsed_s + TURN_MARGIN_RAD, math.pi)
         return (self._speed_mps * elapsed_s + JUMP_MARGIN_M) ** 2, math.cos(0.5 * turn) ** 2
 
-    def _follow_places(self, seen: list[Seen], now_ns: int) -> None:
+    def _follow_places(self, seen: list[Seen | None], now_ns: int) -> None:
         """Robots under a wrong name move on: their places move with them."""
         doubted = [
-            (track, entry[0])
+            (track, entry[1])
             for track, entry in zip(self._tracks, seen, strict=True)
             if entry is not None and track.accepted_ns != now_ns
         ]
+        if not doubted:
+            return
         for track in self._tracks:
             if track.accepted_ns == now_ns or track.accepted_ns < 0:
                 continue
@@ -93,7 +116,7 @@ class Continuity:
             if near:
                 track.place = min(near, key=lambda pose: _apart(pose, track.place))
 
-    def _reacquire(self, track: Track, pose: Pose, body: Body, fault: str, seen: list[Seen], now_ns: int) -> str:
+    def _reacquire(self, track: Track, pose: Pose, body: Body, fault: str, seen: list[Seen | None], now_ns: int) -> str:
         """Back where it belongs: believed at once. Elsewhere: after steady frames, unless places were changed."""
         assert track.candidate is not None
         limits = self._limits(now_ns - track.candidate_ns)
@@ -108,24 +131,24 @@ class Continuity:
         track.resets += 1
         return ""
 
-    def _near_lost_place(self, track: Track, seen: list[Seen]) -> bool:
+    def _near_lost_place(self, track: Track, seen: list[Seen | None]) -> bool:
         """Whether a body that has not been followed all the while stands where this one must be."""
         for other, entry in zip(self._tracks, seen, strict=True):
             if other is track or entry is None:
                 continue
             followed = other.candidate is None and other.accepted_ns >= 0 and other.since_ns <= track.accepted_ns
-            if not followed and _apart(entry[0], track.place) < SWAP_RADIUS_M:
+            if not followed and _apart(entry[1], track.place) < SWAP_RADIUS_M:
                 return True
         return False
 
-    def _took_place(self, track: Track, pose: Pose, seen: list[Seen], now_ns: int) -> bool:
+    def _took_place(self, track: Track, pose: Pose, seen: list[Seen | None], now_ns: int) -> bool:
         """Whether the body stands where another one must be that is not there itself."""
         limit = min(SWAP_RADIUS_M, _apart(track.place, pose))
         for other, entry in zip(self._tracks, seen, strict=True):
             if other is track or other.accepted_ns < 0 or now_ns - other.accepted_ns > FORGET_NS:
                 continue
             away = _apart(pose, other.place)
-            if away < limit and (entry is None or _apart(entry[0], other.place) > away):
+            if away < limit and (entry is None or _apart(entry[1], other.place) > away):
                 return True
         return False
 
