@@ -10,7 +10,7 @@ import pytest
 
 from contract.codec import encode
 from contract.keys import Keys
-from contract.messages import MocapFrame, NeighbourState, OrderRequest, StationHeartbeat
+from contract.messages import Message, MocapFrame, NeighbourState, OrderRequest, RobotReport, StationHeartbeat
 from groundstation import rig
 from groundstation.access import STATE_BYTES
 from groundstation.fleet_rig import PORT, FleetRig, fleet_arena
@@ -21,7 +21,6 @@ from tests.root.fleet import (
     assert_at_zero,
     commands,
     judged,
-    reports_of,
     secrets_of,
     settled,
     told,
@@ -75,38 +74,42 @@ def test_a_tenth_of_all_frames_lost_and_intruders_besides_stop_no_mission(fleet:
     said in the first mission. All are processes of their own."""
     site, out = fleet.site, fleet.site.out
     keys, router = Keys(site.arena.arena.name), site.network.address("router")
-    first = {type(message): message for message in told(out) if not isinstance(message, NeighbourState)}
-    state = next(message for message in told(out) if isinstance(message, NeighbourState) and message.robot == "r08")
-    replays = {
-        "station": (keys.heartbeat, next(m for m in told(out) if isinstance(m, StationHeartbeat) and m.order == "run")),
-        "bridge": (keys.mocap_frame, first[MocapFrame]),
-        "r08": (keys.state("r08"), state),
-        "operator": (keys.order, next(m for m in told(out) if isinstance(m, OrderRequest) and m.order == "disarm")),
+    old = list(told(out))
+    replays: dict[str, tuple[str, Message]] = {
+        "station": (keys.heartbeat, next(m for m in old if isinstance(m, StationHeartbeat) and m.order == "run")),
+        "bridge": (keys.mocap_frame, next(m for m in old if isinstance(m, MocapFrame))),
+        "r08": (keys.state("r08"), next(m for m in old if isinstance(m, NeighbourState) and m.robot == "r08")),
+        "operator": (keys.order, next(m for m in old if isinstance(m, OrderRequest) and m.order == "run")),
     }
+    lasts = {who: keys.log(who) for who in ("r08", "station")}
+    lasts |= {"bridge": keys.log("mocap_bridge"), "operator": keys.order}
     site.weather(Weather(loss=0.1, jitter_ms=5.0))
     folder = fleet.next_mission()
     crowd = {"crowd": True, "address": [router, PORT], "udp_port": PORT, "connections": 200}
     attackers = [
         fleet.attack("mocap", "r08", **crowd),
-        fleet.attack("mocap", "r08", put=[keys.log("r08")], bytes=2000, times=10_000),
-        fleet.attack("mocap", "r08", put=[keys.state("r08")], bytes=STATE_BYTES + 1, times=500),
+        fleet.attack("mocap", "r08", put=[keys.log("r08")], bytes=2000, times=10_000, last=keys.log("r08")),
+        fleet.attack("mocap", "r08", put=[keys.state("r08")], bytes=STATE_BYTES + 1, times=500, last=keys.log("r08")),
         *(
-            fleet.attack("mocap", who, put=[key], hex=encode(old).hex(), times=100)
-            for who, (key, old) in replays.items()
+            fleet.attack("mocap", who, put=[key], hex=encode(said).hex(), times=100, last=lasts[who])
+            for who, (key, said) in replays.items()
         ),
     ]
-    said = [json.loads(process.stdout.readline()) for process in attackers if process.stdout is not None]
-    assert [entry.get("held", entry.get("opened")) for entry in said] == [200, *[True] * (len(attackers) - 1)]
+    told_us = [json.loads(process.stdout.readline()) for process in attackers if process.stdout is not None]
+    assert [entry.get("held", entry.get("opened")) for entry in told_us] == [200, *[True] * (len(attackers) - 1)]
     fleet.finish()
     for process in attackers:
         process.communicate(timeout=30.0)
     site.weather(Weather())
     settled([folder])
     judged(folder)
-    for name in site.arena.robots:
-        reports = reports_of(folder, name)
+    reports: dict[str, list[RobotReport]] = {name: [] for name in site.arena.robots}
+    for message in told(folder):
+        if isinstance(message, RobotReport):
+            reports[message.robot].append(message)
+    for name, mine in reports.items():
         for counter in ("heartbeat replayed", "frame not newer"):
-            assert reports[-1].counters.get(counter, 0) > reports[0].counters.get(counter, 0), (name, counter)
+            assert mine[-1].counters.get(counter, 0) > mine[0].counters.get(counter, 0), (name, counter)
 
 
 def test_nothing_that_a_fleet_leaves_behind_holds_a_secret(fleet: Fleet) -> None:
