@@ -96,6 +96,11 @@ class Swarm(threading.Thread):
             due_ns += 10_000_000
             self.over.wait(max(0.0, (due_ns - time.monotonic_ns()) / 1e9))
 
+    def end(self) -> None:
+        """Say no more; the session may be closed."""
+        self.over.set()
+        self.join()
+
     def _said(self, tick: int, now_ns: int, elapsed_s: float) -> Iterator[tuple[str, Message]]:
         keys = self._keys
         bodies = []
@@ -214,7 +219,7 @@ def measure(robots: int, targets: int, seconds: float) -> dict[str, float]:
         write_config(arena, out / "config.toml")
         swarm = Swarm(arena, targets, stack.enter_context(router(port)))
         swarm.start()
-        stack.callback(swarm.over.set)
+        stack.callback(swarm.end)
         family = stack.enter_context(Family())
         words = ["page", "--arena", str(out / "config.toml"), "--port", "0"]
         child = family.start("page", "groundstation", words, out / "page.log")

@@ -16,9 +16,13 @@ from contract.messages import (
     StopRequest,
     TargetCloud,
 )
+from groundstation.connectivity import summary
 from groundstation.page_state import HISTORY_S, PageState
 
 KINDS = (MocapFrame, MocapHealth, RobotReport, RunStatus, StationHeartbeat, StopRequest, TargetCloud)
+SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Of playing, times real time."""
+STRIP_POINTS = 400
 RECENT_NS = 1_000_000_000
 """Poses older than this leave no trace in a view."""
 SAME_EVENT_NS = 200_000_000
@@ -39,6 +43,9 @@ class Playback:
         self.start_ns, self.end_ns = self._times[0], self._times[-1]
         self.at_ns = self.start_ns
         self.playing = False
+        self.speed = 1.0
+        self.strip = self._strip()
+        """Algebraic connectivity over the whole recording: (s from the beginning, lambda_2)."""
         self.events = self._events()
         """When something happened: a phase, an occupied target, a stop, a change of a robot's state; ns."""
         self._next = 0
@@ -64,11 +71,12 @@ class Playback:
     def advance(self, duration_ns: int) -> None:
         """Play on, until the end."""
         if self.playing:
-            self.seek(self.at_ns + duration_ns)
+            self.seek(self.at_ns + int(duration_ns * self.speed))
             self.playing = self.at_ns < self.end_ns
 
     def act(self, message: dict[str, Any]) -> str:
-        """``seek`` with ``at`` (s from the beginning) or ``by`` (s), ``play`` with ``on``, ``event``; '' or why not."""
+        """``seek`` with ``at`` (s from the beginning) or ``by`` (s), ``play`` with ``on``, ``event``, ``speed`` with
+        ``by`` (steps of :data:`SPEEDS`); '' or why not."""
         match message.get("do"):
             case "seek":
                 at, by = message.get("at"), message.get("by")
@@ -80,6 +88,11 @@ class Playback:
                     return "seek: at or by, seconds"
             case "play":
                 self.playing = bool(message.get("on")) and self.at_ns < self.end_ns
+            case "speed":
+                by = message.get("by")
+                if not isinstance(by, int):
+                    return "speed: by, steps"
+                self.speed = SPEEDS[max(0, min(len(SPEEDS) - 1, SPEEDS.index(self.speed) + by))]
             case "event":
                 k = bisect_right(self.events, self.at_ns)
                 self.seek(self.events[k] if k < len(self.events) else self.end_ns)
@@ -97,13 +110,32 @@ class Playback:
             "at": round((self.at_ns - self.start_ns) / 1e9, 2),
             "to": round((self.end_ns - self.start_ns) / 1e9, 2),
             "playing": self.playing,
+            "speed": self.speed,
         }
         return view
 
     def layout(self) -> dict[str, Any]:
         """The page's layout, with the times of the events, s from the beginning."""
         times = [round((ns - self.start_ns) / 1e9, 2) for ns in self.events]
-        return self.state.layout() | {"replay": {"events": times}, "history": [], "marks": [], "events": []}
+        return self.state.layout() | {
+            "replay": {"events": times, "strip": self.strip},
+            "history": [],
+            "marks": [],
+            "events": [],
+        }
+
+    def _strip(self) -> list[tuple[float, float]]:
+        """From the poses, of robots that are seen; so many points at most."""
+        every_ns = max(1, (self.end_ns - self.start_ns) // STRIP_POINTS)
+        due_ns, found = self.start_ns, []
+        for ns, message in self._messages:
+            if not isinstance(message, MocapFrame) or ns < due_ns:
+                continue
+            due_ns = ns + every_ns
+            places = [(b.x_m, b.y_m) for b in message.bodies if b.valid and b.robot in self.arena.robots]
+            lambda2, _ = summary(places, self.arena.control.sensing_radius_m)
+            found.append((round((ns - self.start_ns) / 1e9, 2), round(lambda2, 4)))
+        return found
 
     def _events(self) -> list[int]:
         found: list[int] = []

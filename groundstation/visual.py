@@ -1,7 +1,8 @@
 """The swarm as Foxglove's own schemas: frames, robots, links, targets, log, so that viewers need no plug-in. Pure.
 
 ``/tf`` foxglove.FrameTransforms, ``/robot/ID/pose`` foxglove.PoseInFrame, ``/scene`` foxglove.SceneUpdate with the
-entities ``floor``, ``robot ID``, ``links``, ``targets``, and ``/log`` foxglove.Log. Lengths in metres in the frame
+entities ``floor``, ``robot ID``, ``links``, ``targets``, ``/links`` and ``/targets`` foxglove.PointCloud for viewers
+without scenes, and ``/log`` foxglove.Log. Lengths in metres in the frame
 ``arena``; each robot has a frame of its name. Stamps are site time.
 """
 
@@ -14,6 +15,7 @@ from foxglove import messages as fx
 from contract.arena import Arena
 from contract.messages import LogEntry, Message, MocapFrame, RobotReport, RunStatus, TargetCloud
 from groundstation.connectivity import mutual
+from groundstation.dots import along, cloud
 from groundstation.scenes import label
 
 FRAME = "arena"
@@ -27,9 +29,10 @@ LEVELS = {
     "warning": fx.LogLevel.Warning,
     "error": fx.LogLevel.Error,
 }
+BLUE_RGB, GREY_RGB, AMBER_RGB = (0.04, 0.36, 0.68), (0.48, 0.54, 0.58), (0.71, 0.33, 0.04)
 BLUE, GREY, RED, AMBER, INK = (
     fx.Color(r=r, g=g, b=b, a=1.0)
-    for r, g, b in ((0.04, 0.36, 0.68), (0.48, 0.54, 0.58), (0.71, 0.09, 0.18), (0.71, 0.33, 0.04), (0.07, 0.13, 0.17))
+    for r, g, b in (BLUE_RGB, GREY_RGB, (0.71, 0.09, 0.18), AMBER_RGB, (0.07, 0.13, 0.17))
 )
 RUN_COLORS = {"running": BLUE, "armed": BLUE, "holding": AMBER, "fault": RED, "stopped": RED}
 
@@ -42,7 +45,7 @@ class Shown(NamedTuple):
     payload: bytes
 
 
-SCHEMAS: tuple[type[Any], ...] = (fx.FrameTransforms, fx.PoseInFrame, fx.SceneUpdate, fx.Log)
+SCHEMAS: tuple[type[Any], ...] = (fx.FrameTransforms, fx.PoseInFrame, fx.SceneUpdate, fx.PointCloud, fx.Log)
 
 
 class Visual:
@@ -77,10 +80,10 @@ class Visual:
                     yield self._scene(self._robot(message, stamp))
             case TargetCloud() if message != self._cloud:
                 self._cloud = message
-                yield self._scene(self._targets(stamp))
+                yield from self._targets(stamp)
             case RunStatus() if frozenset(message.occupied) != self._done:
                 self._done = frozenset(message.occupied)
-                yield self._scene(self._targets(stamp))
+                yield from self._targets(stamp)
             case LogEntry():
                 entry = fx.Log(
                     timestamp=stamp,
@@ -119,7 +122,7 @@ class Visual:
         yield Shown("/tf", fx.FrameTransforms, fx.FrameTransforms(transforms=transforms).encode())
         if log_ns >= self._links_due_ns:
             self._links_due_ns = log_ns + LINKS_NS
-            yield self._scene(self._links(stamp))
+            yield from self._links(stamp)
 
     def _scene(self, entity: Any) -> Shown:
         return Shown("/scene", fx.SceneUpdate, fx.SceneUpdate(entities=[entity]).encode())
@@ -171,7 +174,7 @@ class Visual:
             metadata=[fx.KeyValuePair(key="run", value=report.run), fx.KeyValuePair(key="reason", value=report.reason)],
         )
 
-    def _links(self, stamp: Any) -> Any:
+    def _links(self, stamp: Any) -> Iterator[Shown]:
         kept: list[list[int]] = [[] for _ in self._names]
         for name, report in self._reports.items():
             kept[self._index[name]] = [self._index[o] for o in report.links_on + report.links_kept if o in self._index]
@@ -188,9 +191,16 @@ class Visual:
             for points, width, color in ((plain, 2.0, BLUE), (critical, 4.0, AMBER))
             if points
         ]
-        return fx.SceneEntity(timestamp=stamp, frame_id=FRAME, id="links", lines=lines)
+        yield self._scene(fx.SceneEntity(timestamp=stamp, frame_id=FRAME, id="links", lines=lines))
+        dots = [
+            (dot, color)
+            for points, color in ((plain, BLUE_RGB), (critical, AMBER_RGB))
+            for a, b in zip(points[::2], points[1::2], strict=True)
+            for dot in along(a, b)
+        ]
+        yield Shown("/links", fx.PointCloud, cloud(stamp, FRAME, dots).encode())
 
-    def _targets(self, stamp: Any) -> Any:
+    def _targets(self, stamp: Any) -> Iterator[Shown]:
         targets = self._cloud.targets if self._cloud else ()
         spheres = [
             fx.SpherePrimitive(
@@ -200,7 +210,9 @@ class Visual:
             )
             for target in targets
         ]
-        return fx.SceneEntity(timestamp=stamp, frame_id=FRAME, id="targets", spheres=spheres)
+        yield self._scene(fx.SceneEntity(timestamp=stamp, frame_id=FRAME, id="targets", spheres=spheres))
+        dots = [((target.x_m, target.y_m), GREY_RGB if target.index in self._done else AMBER_RGB) for target in targets]
+        yield Shown("/targets", fx.PointCloud, cloud(stamp, FRAME, dots).encode())
 
 
 def _at(x_m: float, y_m: float, z_m: float) -> Any:

@@ -9,8 +9,10 @@ export class Replay {
     this.ask = ask;
     this.now = null;
     this.events = [];
+    this.strip = [];
     this.dragging = false;
     $("replay-play").addEventListener("click", () => this.toggle());
+    $("replay-speed").addEventListener("click", () => this.ask({ do: "speed", by: this.now?.speed >= 8 ? -9 : 1 }));
     $("replay-next").addEventListener("click", () => this.ask({ do: "event" }));
     const range = $("replay-at");
     range.addEventListener("pointerdown", () => { this.dragging = true; });
@@ -18,7 +20,10 @@ export class Replay {
     range.addEventListener("input", () => this.ask({ do: "seek", at: Number(range.value) }));
   }
 
-  setLayout(layout) { this.events = layout.replay?.events || []; }
+  setLayout(layout) {
+    this.events = layout.replay?.events || [];
+    this.strip = layout.replay?.strip || [];
+  }
 
   toggle() { this.ask({ do: "play", on: !this.now?.playing }); }
 
@@ -29,6 +34,7 @@ export class Replay {
     else if (key === "N") this.ask({ do: "event" });
     else if (key === "ArrowLeft" || key === "ArrowRight") this.ask({ do: "seek", by: (key === "ArrowLeft" ? -1 : 1) * (event.shiftKey ? 5 : 0.1) });
     else if (/^[0-9]$/.test(key)) this.ask({ do: "seek", at: this.now.to * Number(key) / 10 });
+    else if (key === "+" || key === "=" || key === "-") this.ask({ do: "speed", by: key === "-" ? -1 : 1 });
     else if (key === "Escape") this.ask({ do: "live" });
     else return false;
     return true;
@@ -45,9 +51,31 @@ export class Replay {
     if ($("replay-time").textContent !== words) $("replay-time").textContent = words;
     const label = now.playing ? "Pause " : "Play ";
     if ($("replay-play").firstChild.textContent !== label) $("replay-play").firstChild.textContent = label;
+    const speed = `${now.speed}\u00d7 `;
+    if ($("replay-speed").firstChild.textContent !== speed) $("replay-speed").firstChild.textContent = speed;
+    this.drawStrip(now);
+  }
+
+  /** lambda_2 over the whole recording on a log axis, a full bar where the swarm is in pieces; below, ticks for events. */
+  drawStrip(now) {
     const { context: c, width, height } = fit($("replay-events"));
     c.clearRect(0, 0, width, height);
+    const x = (at) => 8 + at / now.to * (width - 16), foot = height - 8;
+    const values = this.strip.map((p) => p[1]).filter((v) => v > 0);
+    const low = Math.log(Math.min(0.2, ...values)), high = Math.log(Math.max(2, ...values));
+    const y = (v) => foot - 2 - (Math.log(v) - low) / (high - low) * (foot - 4);
+    c.strokeStyle = color("--blue"); c.lineWidth = 2; c.lineJoin = "round"; c.beginPath();
+    let pen = false;
+    for (const [at, value] of this.strip) {
+      if (value > 0) { if (pen) c.lineTo(x(at), y(value)); else c.moveTo(x(at), y(value)); }
+      pen = value > 0;
+    }
+    c.stroke();
+    c.fillStyle = color("--red");
+    for (const [at, value] of this.strip) if (!value) c.fillRect(x(at) - 1, 0, 2, foot);
     c.fillStyle = color("--ink3");
-    for (const at of this.events) c.fillRect(8 + at / now.to * (width - 16) - 1, 2, 2, height - 4);
+    for (const at of this.events) c.fillRect(x(at) - 1, foot, 2, 8);
+    c.strokeStyle = color("--violet"); c.lineWidth = 2; c.beginPath();
+    c.moveTo(x(now.at), 0); c.lineTo(x(now.at), height); c.stroke();
   }
 }

@@ -1,16 +1,18 @@
 """Replay on the page: any moment of a recording, the same whichever way it is reached, and STOP that stays STOP."""
 
 import json
+from itertools import pairwise
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from contract.arena import Arena
 from contract.keys import Keys
-from contract.messages import Message, RobotReport, RunStatus, StopRequest
+from contract.messages import Message, MocapFrame, RobotReport, RunStatus, StopRequest
 from groundstation.page_client import Client
 from groundstation.page_replay import NoLink, ReplayPage
-from groundstation.playback import Playback
+from groundstation.playback import STRIP_POINTS, Playback
 from tests.groundstation.runs import MS, START_NS, arena_of, mission, northward
 
 S = 1_000_000_000
@@ -128,3 +130,33 @@ def test_escape_leaves_the_replay_and_nothing_is_sent(playback: Playback) -> Non
     assert page.act({"do": "live"}) == ""
     assert "replay" not in page.view(1)
     assert link.published == []
+
+
+def test_the_strip_under_the_map_tells_connectivity_over_the_whole_recording(playback: Playback) -> None:
+    strip = playback.layout()["replay"]["strip"]
+    assert 40 <= len(strip) <= STRIP_POINTS + 1
+    assert strip[0][0] < 0.1
+    assert strip[-1][0] == pytest.approx((playback.end_ns - playback.start_ns) / S, abs=0.1)
+    assert all(a[0] < b[0] for a, b in pairwise(strip))
+    assert {value for _, value in strip} == {3.0}, "three robots 0.5 m apart are a triangle"
+    apart = Playback(playback.arena, [(ns, _torn(m)) for ns, m in sent(playback.arena)])
+    assert {value for _, value in apart.strip} == {0.0}
+
+
+def _torn(message: Message) -> Message:
+    if not isinstance(message, MocapFrame):
+        return message
+    bodies = tuple(replace(body, x_m=body.x_m + 100.0 * (k == 0)) for k, body in enumerate(message.bodies))
+    return replace(message, bodies=bodies)
+
+
+def test_it_plays_at_the_speed_that_is_chosen(playback: Playback) -> None:
+    assert playback.view()["replay"]["speed"] == 1.0
+    playback.act({"do": "play", "on": True})
+    for by, speed in ((1, 2.0), (1, 4.0), (9, 8.0), (1, 8.0), (-4, 0.5), (-9, 0.25)):
+        assert playback.act({"do": "speed", "by": by}) == ""
+        assert playback.view()["replay"]["speed"] == speed
+        before_ns = playback.at_ns
+        playback.advance(100 * MS)
+        assert playback.at_ns - before_ns == int(100 * MS * speed)
+    assert "steps" in playback.act({"do": "speed", "by": "fast"})

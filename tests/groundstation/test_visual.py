@@ -2,6 +2,7 @@
 
 import json
 import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,9 @@ def decoded(path: Path) -> dict[str, list[tuple[int, Any]]]:
                     pool.Add(file)
                 kinds[schema.name] = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
             found.setdefault(channel.topic, []).append((message.log_time, kinds[schema.name].FromString(message.data)))
-    assert set(kinds) == {f"foxglove.{n}" for n in ("FrameTransforms", "PoseInFrame", "SceneUpdate", "Log")}
+    assert set(kinds) == {
+        f"foxglove.{n}" for n in ("FrameTransforms", "PoseInFrame", "SceneUpdate", "PointCloud", "Log")
+    }
     return found
 
 
@@ -80,6 +83,13 @@ def test_poses_links_targets_and_log_are_those_of_the_recording(made: tuple[Path
     ends = [(point.x, point.y) for line in newest["links"].lines for point in line.points]
     assert len(ends) == 4, "two links in a chain of three"
     assert all(math.dist(a, b) == pytest.approx(0.5) for a, b in zip(ends[::2], ends[1::2], strict=True))
+    dots = [struct.unpack_from("<fff", found["/links"][-1][1].data, at) for at in range(0, 2 * 13 * 16, 16)]
+    assert len(found["/links"][-1][1].data) == 2 * 13 * 16, "12 steps of about 4 cm a link, both ends, 16 bytes each"
+    for a, b in zip(ends[::2], ends[1::2], strict=True):
+        assert {a, b} <= {(round(x, 5), round(y, 5)) for x, y, _ in dots}
+    clouds = [update.data for _, update in found["/targets"]]
+    assert len(clouds[0]) == len(clouds[-1]) == 16 * len(newest["targets"].spheres)
+    assert clouds[0] != clouds[-1], "the one that is done has another colour"
     sizes = [sphere.size.z for sphere in newest["targets"].spheres]
     assert sizes[0] > sizes[1], "the one that is done is flat"
     first, second = (newest[f"robot {name}"] for name in list(arena.robots)[:2])

@@ -279,6 +279,10 @@ def test_a_recording_is_replayed_with_a_scrubber_and_stop_stays_stop(browser: Br
         page.keyboard.press("n")
         expect(page.locator("#run-sub")).to_contain_text("COMPLETED")
         page.keyboard.press("0")
+        page.keyboard.press("+")
+        expect(page.locator("#replay-speed")).to_contain_text("2")
+        page.keyboard.press("-")
+        expect(page.locator("#replay-speed")).to_contain_text("1")
         page.click("#replay-play")
         expect(page.locator("#replay-play")).to_contain_text("Pause")
         assert page.locator("#stop").bounding_box() == stop_box
