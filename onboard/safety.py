@@ -74,9 +74,9 @@ class Supervisor:
         self.homing = False
         """The last ``run`` obeyed was to drive home."""
         self.excluded: frozenset[str] = frozenset()
+        """Robots taken out of the network, by the newest heartbeat."""
         self.aside: Point | None = None
         """Where this robot waits before it goes home; None: nobody has to pass first."""
-        """Robots taken out of the network, by the newest heartbeat."""
         self.mission = ""
         """The station's, by the newest heartbeat."""
         self.ignored_heartbeats = 0
