@@ -20,6 +20,12 @@ GAP_NS = 10_000_000
 FULL_DUTY = 32767
 
 WRITES = {
+    0: ">B",
+    1: ">B",
+    4: ">B",
+    5: ">B",
+    6: ">B",
+    7: ">B",
     14: ">B",
     20: "",
     22: ">i",
@@ -32,11 +38,21 @@ WRITES = {
     35: ">i",
     36: ">i",
     37: ">ii",
+    38: ">Ii",
+    39: ">Ii",
     40: ">Iii",
+    50: ">IiIi",
+    52: ">hI",
+    53: ">hI",
+    54: ">hIhI",
     200: "",
 }
 """Data of every command that is answered by FF."""
-READS = {15, 16, 17, 18, 19, 21, 24, 25, 30, 31, 49, 55, 56, 78, 79, 82, 90}
+READS = {15, 16, 17, 18, 19, 21, 24, 25, 30, 31, 47, 48, 49, 55, 56, 78, 79, 82, 83, 90}
+BOTH = {34, 37, 40, 50, 54}
+FIRST = {0, 1, 6, 32, 35, 38, 52}
+SECOND = {4, 5, 7, 33, 36, 39, 53}
+"""Commands that drive both motors, the first, the second."""
 
 
 def _crc_table() -> list[int]:
@@ -96,7 +112,19 @@ class EmulatedRoboclaw:
             35: lambda speed: self._speed(0, speed),
             36: lambda speed: self._speed(1, speed),
             37: self._speed_both,
-            40: self._speed_acceleration,
+            38: lambda growth, speed: self._speed(0, speed, growth),
+            39: lambda growth, speed: self._speed(1, speed, growth),
+            40: lambda growth, m1, m2: self._speed_both(m1, m2, growth, growth),
+            50: lambda growth_1, m1, growth_2, m2: self._speed_both(m1, m2, growth_1, growth_2),
+            52: lambda duty, growth: self._duty(0, duty),
+            53: lambda duty, growth: self._duty(1, duty),
+            54: lambda m1, growth_1, m2, growth_2: self._duty_both(m1, m2),
+            0: lambda value: self._duty(0, value * FULL_DUTY // 127),
+            1: lambda value: self._duty(0, -value * FULL_DUTY // 127),
+            4: lambda value: self._duty(1, value * FULL_DUTY // 127),
+            5: lambda value: self._duty(1, -value * FULL_DUTY // 127),
+            6: lambda value: self._duty(0, (value - 64) * FULL_DUTY // 64),
+            7: lambda value: self._duty(1, (value - 64) * FULL_DUTY // 64),
             200: self._reset_estop,
         }
 
@@ -190,10 +218,10 @@ class EmulatedRoboclaw:
             return b""
         self._fed_ns = now_ns
         self._handlers[command](*struct.unpack(layout, packet[2:-2]))
-        if command in (34, 37, 40):
+        if command in BOTH:
             self.log.both(now_ns, not self.released)
-        elif command in (32, 33, 35, 36):
-            self.log.one("left" if command in (32, 35) else "right", now_ns, not self.released)
+        elif command in FIRST or command in SECOND:
+            self.log.one("left" if command in FIRST else "right", now_ns, not self.released)
         return b"\xff"
 
     def _answer(self, command: int) -> bytes:
@@ -211,6 +239,10 @@ class EmulatedRoboclaw:
             return struct.pack(">H", round(self.battery_v * 10))
         if command == 25:
             return struct.pack(">H", 50)
+        if command == 47:
+            return b"\x80\x80"
+        if command == 48:
+            return struct.pack(">hh", *(round(self._share(shaft) * FULL_DUTY) for shaft in self._shafts))
         if command == 49:
             return struct.pack(">hh", 10, 10)
         if command in (55, 56):
@@ -220,7 +252,7 @@ class EmulatedRoboclaw:
             return struct.pack(">II", self._encoder(0), self._encoder(1))
         if command == 79:
             return struct.pack(">ii", self._qpps(0), self._qpps(1))
-        if command == 82:
+        if command in (82, 83):
             return struct.pack(">H", 305)
         return struct.pack(">I", self.status)
 
@@ -244,23 +276,26 @@ class EmulatedRoboclaw:
         derivative, proportional, integral, qpps = values
         self._pid[channel] = (proportional, integral, derivative, qpps)
 
-    def _speed(self, channel: int, qpps: int) -> None:
-        wheel = self._shafts[channel].wheel
+    def _speed(self, channel: int, qpps: int, qpps_per_s: int | None = None) -> None:
+        """:param qpps_per_s: growth of the speed; None: as fast as the motor can."""
+        shaft = self._shafts[channel]
+        wheel = shaft.wheel
         wheel.acceleration_radps2 = wheel.limits.acceleration_radps2
+        if qpps_per_s is not None:
+            wheel.acceleration_radps2 = max(qpps_per_s / abs(self._counts * shaft.turns_per_rad), 1e-3)
         if self.status & 0x4001:
             wheel.release()
         else:
             self._shafts[channel].drive(qpps / self._counts)
 
-    def _speed_both(self, m1: int, m2: int) -> None:
-        self._speed(0, m1)
-        self._speed(1, m2)
+    def _speed_both(self, m1: int, m2: int, growth_1: int | None = None, growth_2: int | None = None) -> None:
+        self._speed(0, m1, growth_1)
+        self._speed(1, m2, growth_2)
 
-    def _speed_acceleration(self, qpps_per_s: int, m1: int, m2: int) -> None:
-        self._speed_both(m1, m2)
-        for shaft in self._shafts:
-            per_rad = abs(self._counts * shaft.turns_per_rad)
-            shaft.wheel.acceleration_radps2 = max(qpps_per_s / per_rad, 1e-3)
+    def _share(self, shaft: Shaft) -> float:
+        """Of full speed."""
+        top = shaft.wheel.limits.max_radps * abs(shaft.turns_per_rad)
+        return max(-1.0, min(1.0, shaft.turns_per_s / top))
 
     def _duty(self, channel: int, duty: int) -> None:
         wheel = self._shafts[channel].wheel

@@ -13,6 +13,8 @@ ON_CAN = {5: 0, 6: 1, 7: 2, 8: 3}
 """Setpoint commands of the UART by their number on the CAN bus: duty, current, brake, rpm."""
 SIZES = (2, 2, 4, 4, 4, 4, 2, 4, 2, 4, 4, 4, 4, 4, 4, 1, 4, 1, 6, 4, 4, 1)
 """Bytes of each field of COMM_GET_VALUES, in the order of the mask's bits."""
+VERSION = bytes((0, 5, 2)) + b"410\0" + bytes(range(12)) + bytes(3)
+"""Reply to COMM_FW_VERSION: major, minor, hardware, unique id, pairing, test version, hardware type."""
 
 
 def checksum(payload: bytes) -> int:
@@ -112,6 +114,8 @@ class EmulatedVescUart:
             self._refused["foreign_packet"] += 1
         elif number in ON_CAN and len(rest) == 4:
             self.pair.take_frame(CanFrame(ON_CAN[number] * 256 + device, rest, True), now_ns)
+        elif number == 0:
+            return self._framed(VERSION)
         elif number == 30:
             controller.fed_ns = now_ns
         elif number == 4:

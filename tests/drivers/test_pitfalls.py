@@ -54,6 +54,22 @@ def test_pitfall_a_roboclaws_single_speed_is_a_magnitude_and_a_direction() -> No
         assert crc == crc16(bytes((0x80, command)) + data[:5])
 
 
+@pytest.mark.parametrize(
+    ("command", "value", "signs"),
+    [(0, 64, (1, 0)), (1, 64, (-1, 0)), (4, 64, (0, 1)), (5, 64, (0, -1)), (6, 127, (1, 0)), (7, 0, (0, -1))],
+)
+def test_pitfall_a_roboclaw_obeys_the_7_bit_commands_of_any_other_program(
+    command: int, value: int, signs: tuple[int, int]
+) -> None:
+    """User manual pp. 60-61: 0 and 1 drive M1, 4 and 5 M2, by 0 to 127; 6 and 7 by 0 to 127 with 64 as stop."""
+    device = roboclaw()
+    packet = bytes((0x80, command, value))
+    assert device.receive(packet + struct.pack(">H", crc16(packet)), 0) == b"\xff"
+    device.advance(500 * MS)
+    found = (device.wheels.left.radps, device.wheels.right.radps)
+    assert tuple((speed > 1.0) - (speed < -1.0) for speed in found) == signs
+
+
 def test_pitfall_a_roboclaws_time_out_is_off_by_default() -> None:
     device = roboclaw()
     device.receive(speeds(2048, 2048), 0)

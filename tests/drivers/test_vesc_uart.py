@@ -95,3 +95,12 @@ def test_a_full_reply_to_get_values_has_the_length_of_the_firmware() -> None:
     answer = bench.device.receive(codec.packet(b"\x04"), bench.now_ns)
     assert answer[1] == 1 + 73
     assert bench.host.robots[ROBOT].controller is bench.device
+
+
+def test_it_tells_its_firmware_to_clients_that_ask_first() -> None:
+    """COMM_FW_VERSION of ``commands.c``: major, minor, hardware name with its zero, 12 bytes of id, more."""
+    bench = Bench("vesc_uart")
+    (payload,) = codec.PacketReader().feed(bench.device.receive(bytes.fromhex("02 01 00 0000 03"), bench.now_ns))
+    assert payload[:3] == b"\x00\x05\x02"
+    assert payload[3:].partition(b"\0")[0] == b"410"
+    assert not bench.device_counters

@@ -62,6 +62,35 @@ def test_speed_commands_turn_the_motors_and_every_reading_agrees(peer: Basicmicr
     assert peer.DutyM1M2(ADDRESS, 0, 0)
 
 
+@pytest.mark.parametrize(
+    ("verb", "arguments", "signs"),
+    [
+        ("SpeedAccelM1", (100_000, -2000), (-1, 0)),
+        ("SpeedAccelM2", (100_000, 2000), (0, 1)),
+        ("SpeedAccelM1M2_2", (100_000, 2000, 100_000, -2000), (1, -1)),
+        ("DutyAccelM1", (1000, 8000), (1, 0)),
+        ("DutyAccelM2", (1000, -8000), (0, -1)),
+        ("DutyAccelM1M2", (1000, -8000, 1000, 8000), (-1, 1)),
+    ],
+)
+def test_every_way_to_drive(peer: Basicmicro, verb: str, arguments: tuple[int, ...], signs: tuple[int, int]) -> None:
+    def speeds() -> tuple[int, int]:
+        """The library reads them as unsigned."""
+        _, first, second = peer.GetISpeeds(ADDRESS)
+        return (first + 2**31) % 2**32 - 2**31, (second + 2**31) % 2**32 - 2**31
+
+    assert peer.SpeedM1M2(ADDRESS, 0, 0)
+    assert any(max(map(abs, speeds())) < 5 for _ in range(20000))
+    assert getattr(peer, verb)(ADDRESS, *arguments)
+    seen = (0, 0)
+    for _ in range(20000):
+        seen = speeds()
+        if all(speed * sign > 200 for speed, sign in zip(seen, signs, strict=True) if sign):
+            break
+    assert [(speed > 200) - (speed < -200) for speed in seen] == list(signs), (verb, seen)
+    assert peer.DutyM1M2(ADDRESS, 0, 0)
+
+
 def test_velocity_pid_survives_its_unusual_order(peer: Basicmicro) -> None:
     assert peer.SetM1VelocityPID(ADDRESS, 1.5, 0.5, 0.25, 44000)
     assert tuple(peer.ReadM1VelocityPID(ADDRESS)) == pytest.approx((1, 1.5, 0.5, 0.25, 44000))
