@@ -19,6 +19,13 @@ def checkup(now: Snapshot) -> list[CheckResult]:
     return [result for check in CHECKS for result in check(now)]
 
 
+def findings(results: list[CheckResult]) -> list[str]:
+    """A line for the journal of each check that is not passed, or one that all are."""
+    bad = [result for result in results if result.verdict != "pass"]
+    lines = [f"self-check: {f'{r.name} {r.subject}'.strip()}: {r.seen} -> {r.remedy}" for r in bad]
+    return lines or [f"self-check: all {len(results)} checks of this computer passed"]
+
+
 def _said(name: str, fine: bool, seen: str, remedy: str = "", subject: str = "", bad: Verdict = "warn") -> CheckResult:
     verdict: Verdict = "pass" if fine else bad
     return CheckResult(name=name, verdict=verdict, seen=seen, remedy="" if fine else remedy, subject=subject)

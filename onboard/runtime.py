@@ -27,6 +27,8 @@ from drivers.gated import GatedDrive
 from drivers.lifecycle import Wheels
 from drivers.registry import open_robot, wheel_faults
 from onboard.agent import Agent, Drive
+from onboard.checkup import checkup, findings
+from onboard.computer import snapshot
 from onboard.inbox import Inbox, read
 from onboard.journal import JournalledAgent
 from onboard.service import Service, lock_memory, quiet
@@ -74,6 +76,8 @@ class Runtime:
         settings = network.client_config(self._arena.link.router, identity=identity)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
+        if self._service.managed:
+            print("\n".join(findings(checkup(snapshot()))), file=sys.stderr, flush=True)
         self._service.waiting(f"waits for the router at {self._arena.link.router}")
         with open_session(settings) as session:
             try:

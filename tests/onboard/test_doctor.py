@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from onboard import jitter, switches
-from onboard.checkup import CHECKS, checkup
+from onboard.checkup import CHECKS, checkup, findings
 from onboard.cli import main
 from onboard.computer import UNLIMITED, Snapshot, snapshot
 from onboard.doctor import lines, table
@@ -136,6 +136,14 @@ def test_lines_put_the_remedy_below(tmp_path: Path) -> None:
     text = "\n".join(lines(checkup(tree(tmp_path, {"sys/class/net/can0/tx_queue_len": "10"}))))
     assert re.search(r"^WARN  CAN transmit queue can0 +10 frames$", text, re.MULTILINE)
     assert "-> sudo ip link set can0 txqueuelen 128" in text
+
+
+def test_the_journal_gets_what_is_wrong_or_that_nothing_is(tmp_path: Path) -> None:
+    (line,) = findings(checkup(tree(tmp_path, {"sys/class/net/can0/tx_queue_len": "10"})))
+    assert line == "self-check: CAN transmit queue can0: 10 frames -> " + line.partition(" -> ")[2]
+    assert "txqueuelen 128" in line
+    (line,) = findings(checkup(tree(tmp_path, {})))
+    assert line.startswith("self-check: all ")
 
 
 def test_share_is_the_value_not_exceeded() -> None:

@@ -1,6 +1,9 @@
 """What the service manager hears, read from a socket of our own; when the watchdog is petted, state by state."""
 
+import os
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ from hypothesis import strategies as st
 from onboard.safety import POWERED, STATES
 from onboard.service import Service
 from onboard.vitals import MOTORS_ON, PATIENCE_S, Vitals, stale
+from tests.house.checkout import ROOT
 
 SECOND = 1_000_000_000
 LONG = int(PATIENCE_S * SECOND)
@@ -120,6 +124,21 @@ def test_ready_waiting_and_stopping_are_datagrams(manager: Manager) -> None:
         "READY=1\nSTATUS=disarmed and well [0.1.0-abc]",
         "STOPPING=1",
     ]
+
+
+def test_a_managed_robot_checks_its_computer_before_anything_else(manager: Manager, tmp_path: Path) -> None:
+    wheels = f'{{ kind = "ros_arduino", port = "{tmp_path}/none", counts_per_revolution = 2048, watchdog_s = 0.2 }}'
+    (tmp_path / "a.toml").write_text(
+        '[arena]\nname = "a"\nsize_m = [4.0, 4.0]\n[link]\nrouter = "tcp/127.0.0.1:1"\n'
+        f'[robots.r06]\nbody = "r06"\nstart = [1.0, 1.0]\nwheels = {wheels}\n'
+    )
+    command = [sys.executable, "-m", "onboard", "run", "--arena", str(tmp_path / "a.toml"), "--robot", "r06"]
+    with subprocess.Popen(
+        command, cwd=ROOT, env={**os.environ, **manager.environment}, stderr=subprocess.PIPE, text=True
+    ) as robot:
+        assert robot.stderr is not None
+        assert robot.stderr.readline().startswith("self-check: ")
+        robot.kill()
 
 
 def test_without_a_manager_or_with_one_that_is_gone_nothing_happens(tmp_path: Path) -> None:

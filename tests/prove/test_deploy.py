@@ -178,6 +178,7 @@ def test_fresh_install(site: Site, untouched: str) -> None:
     assert "verified" in site.computer.shell(
         f"systemd-analyze verify {UNIT} && systemctl is-enabled {UNIT} && echo verified"
     )
+    assert "self-check: chrony: chrony does not run" in site.computer.shell(f"journalctl -u {UNIT} -o cat --no-pager")
     assert "latency_timer" in site.computer.shell(f"cat /etc/udev/rules.d/80-ahdc-{INSIDE}.rules")
     key = f"/opt/ahdc/{INSIDE}/current/keys/{INSIDE}/private.key"
     assert site.computer.shell(f"stat -c '%a %U %G' {key}").split() == ["640", "root", "ahdc"]
