@@ -1,8 +1,9 @@
 """An adversary against the stop-point plan: it steers every robot, and chooses brakes, ages, phases and who dies when.
 
-Robots run in closed loop on their own clocks with the very planner of the field profile; their motors follow their own
-brakes, anywhere in the calibrated interval. Neighbours know each other by announcements that are as old as the
-adversary likes. It wants links longer than r_c, or robots nearer than a diameter, and climbs towards either.
+Robots run in closed loop on their own clocks with the very planner of the field profile and, after it, the supervisor's
+limit of separation; their motors follow their own brakes, anywhere in the calibrated interval. Neighbours know each
+other by announcements that are as old as the adversary likes. It wants links longer than r_c, or robots nearer than a
+diameter, and climbs towards either.
 """
 
 import math
@@ -14,8 +15,9 @@ from onboard.ahdc.links import Entry, Link
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.stopping import Brake, rim_after
 from onboard.ahdc.view import Heard, Sighted, View
-from onboard.unicycle import FAST_TURN_GAIN_PER_S, steer
-from tests.onboard.samples import field_parameters, state
+from onboard.limits import Neighbour, bounds_of, limit
+from onboard.unicycle import FAST_TURN_GAIN_PER_S, body, rims, steer
+from tests.onboard.samples import arena, field_parameters, state
 
 PERIOD_S, SUBSTEP_S, ANNOUNCE_S, SILENCE_S = 0.01, 0.002, 0.03, 0.5
 WISH_S, WISHES = 0.2, 9
@@ -25,6 +27,8 @@ TURN_RADPS = 9.0
 GAINS_PER_S = (6.0, FAST_TURN_GAIN_PER_S)
 """With which a wish may turn towards a heading, as the law does."""
 PARAMETERS = field_parameters()
+BOUNDS = bounds_of(arena("field"))._replace(fence=(-99.0, -99.0, 99.0, 99.0))
+"""Of the supervisor, without a fence."""
 
 
 class Wish(NamedTuple):
@@ -110,8 +114,8 @@ def mutate(rng: random.Random, robots: tuple[Robot, ...], max_age_s: float) -> t
 class _Loop:
     """One robot's body, motors and law."""
 
-    def __init__(self, name: str, robot: Robot, linked: list[str]) -> None:
-        self.name, self.robot = name, robot
+    def __init__(self, name: str, robot: Robot, linked: list[str], supervised: bool) -> None:
+        self.name, self.robot, self.supervised = name, robot, supervised
         self.motion = Motion(robot.x_m, robot.y_m, robot.heading_rad, 0.0, 0.0)
         self.command = (0.0, 0.0)
         self.law = FieldLaw(name, 1, PARAMETERS, PERIOD_S, steer)
@@ -141,18 +145,26 @@ class _Loop:
         message = state(self.name, x, y, vx_mps=vx, vy_mps=vy, stop_long=long, stop_short=short, moving=moving)
         self.said.append((now_s, message))
 
+    def limited(self, sighted: dict[str, Sighted], heard: dict[str, Heard]) -> tuple[float, float]:
+        """The command within the supervisor's separation, as :meth:`onboard.agent.Agent.step` has it."""
+        p, (x, y, heading, left, right) = PARAMETERS, self.motion
+        around = [Neighbour(*seen[:5], heard[name].age_s if name in heard else 0.0) for name, seen in sighted.items()]
+        speed, turn = body(*self.command, p.wheel_separation_m)
+        v, omega, _ = limit(speed, turn, (x, y, heading), (left, right), around, BOUNDS)
+        return rims(v, omega, p.wheel_separation_m, p.max_speed_mps)
+
     def step(self, now_s: float, others: "list[_Loop]") -> None:
         wish = self.robot.wishes[min(int(now_s / WISH_S), WISHES - 1)]
         sighted, heard = {}, {}
         for other in others:
-            known = [entry for entry in other.track if entry[0] <= now_s - self.robot.age_s]
-            if not known:
+            known = newest(other.track, now_s - self.robot.age_s)
+            if known is None:
                 continue
-            stamp_s, x, y, vx, vy = known[-1]
+            stamp_s, x, y, vx, vy = known
             sighted[other.name] = Sighted(x, y, vx, vy, now_s - stamp_s, True)
-            told = [entry for entry in other.said if entry[0] <= now_s - self.robot.age_s]
-            if told:
-                heard[other.name] = Heard(told[-1][1], now_s - told[-1][0], now_s - told[-1][0] > SILENCE_S)
+            told = newest(other.said, now_s - self.robot.age_s)
+            if told is not None:
+                heard[other.name] = Heard(told[1], now_s - told[0], now_s - told[0] > SILENCE_S)
         view = View(now_s, self.motion, sighted, heard, {}, 0.0, True)
         if now_s >= self.robot.dies_s or len(heard) < len(others):
             self.command = (0.0, 0.0)
@@ -160,13 +172,20 @@ class _Loop:
             law, turn_radps = self.law, wish.turn_rate_radps(self.motion.heading_rad)
             room = law.planner.room(self.motion, law.partners(view))
             self.command = law.planner.choose(room, wish.speed_mps, turn_radps)[:2]
+            if self.supervised:
+                self.command = self.limited(sighted, heard)
 
 
-def fly(robots: tuple[Robot, ...], linked: bool = True) -> tuple[float, float]:
-    """(longest link, least distance) of one flight, m."""
+def newest(entries: list[Any], until_s: float) -> Any:
+    """The last entry of that time or before; entries begin with their times."""
+    return next((entry for entry in reversed(entries) if entry[0] <= until_s), None)
+
+
+def fly(robots: tuple[Robot, ...], linked: bool = True, supervised: bool = True) -> tuple[float, float]:
+    """(longest link, least distance) of one flight, m; not supervised: by the plan alone."""
     names = [f"r{k}" for k in range(len(robots))]
     loops = [
-        _Loop(name, robot, [names[j] for j in (k - 1, k + 1) if linked and 0 <= j < len(names)])
+        _Loop(name, robot, [names[j] for j in (k - 1, k + 1) if linked and 0 <= j < len(names)], supervised)
         for k, (name, robot) in enumerate(zip(names, robots, strict=True))
     ]
     longest, nearest = 0.0, math.inf
@@ -187,9 +206,10 @@ def fly(robots: tuple[Robot, ...], linked: bool = True) -> tuple[float, float]:
         for i, place in enumerate(places):
             for j in range(i):
                 distance = math.dist(place, places[j])
-                nearest = min(nearest, distance)
-                if i - j == 1:
-                    longest = max(longest, distance)
+                if distance < nearest:
+                    nearest = distance
+                if i - j == 1 and distance > longest:
+                    longest = distance
     return longest, nearest
 
 

@@ -33,3 +33,17 @@ def test_the_adversary_can_win_against_brakes_outside_the_interval() -> None:
     assert fly(tuple(robots))[0] > PARAMETERS.sensing_radius_m
     good = Brake(1.6, 0.15)
     assert fly(tuple(robot._replace(brake=good) for robot in robots))[0] <= PARAMETERS.sensing_radius_m
+
+
+def test_where_the_plan_alone_is_beaten_the_supervisor_keeps_robots_apart() -> None:
+    """Found by a search: poses up to 0.13 s old hide that both have begun to back into each other."""
+    back = (Wish(0.09, 1.91, 6.0), Wish(-0.8, 0.84, 6.0), Wish(-0.8, -0.08, 6.0), Wish(0.8, 0.0), Wish(0.76, -9.0),
+            Wish(0.47, 1.95, 9.0), Wish(-0.62, 0.0), Wish(-0.8, 0.0), Wish(-0.8, 9.0))  # fmt: skip
+    turn = (Wish(0.8, 0.0), Wish(0.8, -2.93, 6.0), Wish(0.8, -9.0), Wish(-0.47, 2.25, 6.0), Wish(0.06, -2.76, 9.0),
+            Wish(-0.8, -9.0), Wish(-0.21, 2.04, 6.0), Wish(0.8, -1.55, 6.0), Wish(0.3, -9.0))  # fmt: skip
+    robots = (
+        Robot(0.0, 0.0, 1.901, Brake(2.044, 0.1465), 0.0076, 0.1024, back, math.inf),
+        Robot(0.3893, 0.0738, -1.9236, Brake(1.943, 0.1036), 0.0093, 0.0953, turn, math.inf),
+    )
+    assert fly(robots, linked=False, supervised=False)[1] < TOUCH_M
+    assert fly(robots, linked=False)[1] >= TOUCH_M
