@@ -13,6 +13,7 @@ from drivers.serial.dynamixel import Options
 MARK = unhexlify("fffffd00")
 RPM_PER_UNIT = 0.229
 NEVER_STUFFED = b"\xff\xff\xfd"
+CLEAR_TURNS = b"\x01DXL\x22"
 
 
 def checksum(data: bytes) -> int:
@@ -42,6 +43,9 @@ class Servo:
         self.table[68] = 2
         self.fed_ns = 0
         self.tripped = False
+        self.registered: tuple[int, bytes] | None = None
+        """Of REG WRITE, until ACTION."""
+        self.cleared_turns = 0
         self.decivolts = 50
 
     @property
@@ -52,7 +56,8 @@ class Servo:
     def refresh(self) -> None:
         """Bring the read-only registers up to date."""
         speed = round(self.shaft.turns_per_s * 60.0 / RPM_PER_UNIT)
-        position = (math.floor(self.shaft.turns * 4096) + 2**31) % 2**32 - 2**31
+        counts = math.floor((self.shaft.turns - self.cleared_turns) * 4096)
+        position = (counts + 2**31) % 2**32 - 2**31
         self.table[128:136] = struct.pack("<ii", speed, position)
         self.table[144:146] = struct.pack("<H", self.decivolts)
         self.table[146] = 30
@@ -183,10 +188,10 @@ class EmulatedDynamixel:
         if instruction == 0x83:
             self._sync_write(parameters, now_ns)
             return b""
-        if instruction == 0x82:
-            return self._sync_read(parameters)
-        if instruction == 0x92:
-            return self._bulk_read(parameters)
+        if instruction in (0x82, 0x8A):
+            return self._read_many(_sync_wishes(parameters), fast=instruction == 0x8A)
+        if instruction in (0x92, 0x9A):
+            return self._read_many(_bulk_wishes(parameters), fast=instruction == 0x9A)
         if instruction == 0x93:
             self._bulk_write(parameters, now_ns)
             return b""
@@ -205,10 +210,16 @@ class EmulatedDynamixel:
             address, length = struct.unpack("<HH", parameters)
             error, data = (0, bytes(servo.table[address : address + length])) if address + length <= 256 else (4, b"")
         elif instruction == 3 and len(parameters) > 2:
-            address = parameters[0] + 256 * parameters[1]
-            error = servo.write(address, parameters[2:])
-            if address == 104 and not error:
-                self.log.one(servo.name, now_ns, bool(servo.table[64]))
+            error = self._write(servo, parameters[0] + 256 * parameters[1], parameters[2:], now_ns)
+        elif instruction == 4 and len(parameters) > 2:
+            servo.registered = parameters[0] + 256 * parameters[1], parameters[2:]
+            servo.table[69] = 1
+        elif instruction == 5:
+            if servo.registered is not None:
+                error = self._write(servo, *servo.registered, now_ns)
+            servo.registered, servo.table[69] = None, 0
+        elif instruction == 16 and parameters == CLEAR_TURNS:
+            servo.cleared_turns = math.floor(servo.shaft.turns)
         elif instruction == 8:
             servo.table[70] = servo.table[64] = 0
             servo.shaft.wheel.release()
@@ -217,26 +228,29 @@ class EmulatedDynamixel:
             error = 2
         return self._status(servo, error, data) if answer else b""
 
-    def _sync_read(self, parameters: bytes) -> bytes:
-        if len(parameters) < 5:
+    def _write(self, servo: Servo, address: int, data: bytes, now_ns: int) -> int:
+        error = servo.write(address, data)
+        if address == 104 and not error:
+            self.log.one(servo.name, now_ns, bool(servo.table[64]))
+        return error
+
+    def _read_many(self, wishes: list[tuple[int, int, int]], fast: bool) -> bytes:
+        """One status packet a servo, or (fast) one of all: each adds error, id, data and the checksum so far."""
+        if not wishes:
             self.counters["short_packet"] += 1
             return b""
-        address, length = struct.unpack("<HH", parameters[:4])
         known = {servo.device: servo for servo in self.servos}
-        return b"".join(
-            self._status(known[device], 0, bytes(known[device].table[address : address + length]))
-            for device in parameters[4:]
-            if device in known
-        )
-
-    def _bulk_read(self, parameters: bytes) -> bytes:
-        known = {servo.device: servo for servo in self.servos}
-        output = b""
-        for start in range(0, len(parameters) - 4, 5):
-            device, address, length = struct.unpack_from("<BHH", parameters, start)
-            if device in known:
-                output += self._status(known[device], 0, bytes(known[device].table[address : address + length]))
-        return output
+        found = [(known[device], bytes(known[device].table[a : a + n])) for device, a, n in wishes if device in known]
+        if not fast:
+            return b"".join(self._status(servo, 0, data) for servo, data in found)
+        if len(found) < len(wishes):
+            return b""
+        length = 1 + sum(len(data) + 4 for _, data in found)
+        whole = MARK + b"\xfe" + struct.pack("<H", length) + b"\x55"
+        for servo, data in found:
+            whole += bytes((0x80 if servo.table[70] else 0, servo.device)) + data
+            whole += struct.pack("<H", checksum(whole))
+        return whole
 
     def _bulk_write(self, parameters: bytes, now_ns: int) -> None:
         """Each device its own registers: like a sync write of one device after the other."""
@@ -278,6 +292,19 @@ class EmulatedDynamixel:
         if self._now_ns is not None and now_ns > self._now_ns:
             self.wheels.advance((now_ns - self._now_ns) * 1e-9)
             self._now_ns = now_ns
+
+
+def _sync_wishes(parameters: bytes) -> list[tuple[int, int, int]]:
+    """Device, address, length of each part of a sync read."""
+    if len(parameters) < 5:
+        return []
+    address, length = struct.unpack("<HH", parameters[:4])
+    return [(device, address, length) for device in parameters[4:]]
+
+
+def _bulk_wishes(parameters: bytes) -> list[tuple[int, int, int]]:
+    """The same of a bulk read."""
+    return [struct.unpack_from("<BHH", parameters, start) for start in range(0, len(parameters) - 4, 5)]
 
 
 def emulate(options: Options, wheels: Wheels) -> EmulatedDynamixel:

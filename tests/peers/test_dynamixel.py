@@ -56,6 +56,23 @@ def test_the_makers_sdk(link: str) -> None:
     assert reader.getData(1, 128, 4) == pytest.approx(200, abs=1)
     assert reader.getData(1, 132, 4) > 0
     assert reader.getData(2, 128, 4) == 0
+    assert reader.fastSyncRead() == 0
+    assert reader.getData(1, 128, 4) == pytest.approx(200, abs=1)
+    assert reader.getData(2, 128, 4) == 0
+    fast = sdk.GroupBulkRead(port, peer)
+    assert fast.addParam(1, 144, 2)
+    assert fast.addParam(2, 146, 1)
+    assert fast.fastBulkRead() == 0
+    assert (fast.getData(1, 144, 2), fast.getData(2, 146, 1)) == (50, 30)
+    assert peer.regWriteTxRx(port, 1, 65, 1, [1]) == (0, 0)
+    assert (peer.read1ByteTxRx(port, 1, 65)[0], peer.read1ByteTxRx(port, 1, 69)[0]) == (0, 1)
+    assert peer.action(port, 1) == 0
+    for _ in range(100):
+        port.clearPort()
+        if peer.read1ByteTxRx(port, 1, 69) == (0, 0, 0):
+            break
+    assert peer.read1ByteTxRx(port, 1, 65) == (1, 0, 0)
+    assert peer.clearMultiTurn(port, 2) == (0, 0)
     bulk = sdk.GroupBulkRead(port, peer)
     assert bulk.addParam(1, 144, 2)
     assert bulk.addParam(2, 146, 1)
