@@ -101,7 +101,7 @@ ALONE: dict[str, Way] = {
     "ahdc-mocap-bridge emulate --arena lab.toml --recording session.mcap": Way(
         "ahdc-mocap-bridge emulate --arena lab.toml --recording session.mcap --seconds 2"
     ),
-    "ahdc-groundstation radio": Way(
+    "ahdc-groundstation radio --out DIR": Way(
         "ahdc-groundstation radio --out radio --loss 0.05 --jitter 0 --protocol quic --robots 2 --targets 2"
     ),
     "run --allow-replay": Way("ahdc-mocap-bridge run --arena lab.toml --allow-replay &"),
@@ -119,6 +119,7 @@ ALONE: dict[str, Way] = {
         "certificate",
     ),
     "keys issue r06 --replace": Way("ahdc-groundstation keys issue r06 --replace --arena site.toml"),
+    "keys issue router --replace": Way("ahdc-groundstation keys issue router --replace --arena site.toml"),
     "keys revoke r06": Way("ahdc-groundstation keys revoke r06 --arena site.toml"),
     "keys issue r06": Way("ahdc-groundstation keys issue r06 --arena site.toml"),
 }
@@ -196,6 +197,10 @@ OF_THE_MACHINE = {
 }
 
 
+COUNTERS = {"report replayed"}
+"""What robots and station count begins with a verb here and there, too."""
+
+
 def inline(text: str) -> set[str]:
     """Commands among the words set as code in a page's text."""
     words = re.findall(r"`([^`\n]+)`", re.sub(r"^ *```[^\n`]*\n.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE))
@@ -204,7 +209,7 @@ def inline(text: str) -> set[str]:
 
 def is_verb(word: str) -> bool:
     first, _, rest = word.partition(" ")
-    return first in VERBS and bool(rest) and not rest.startswith("=")
+    return word not in COUNTERS and first in VERBS and bool(rest) and not rest.startswith("=")
 
 
 def fenced(page: Path, *kinds: str) -> set[str]:
