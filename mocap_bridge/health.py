@@ -83,14 +83,22 @@ class Health:
         settled = len(self._received) > 1 and self._received[-1] - self._received[0] > 0.8 * WINDOW_NS
         if settled and abs(rate - nominal) > RATE_TOLERANCE * nominal:
             return f"{rate:.0f} frames/s, {nominal:g} nominal: frames are lost, or the source's rate differs"
+        if warning := self._latency_warning():
+            return warning
+        if self.clock_error_ms > CLOCK_WARN_MS:
+            return f"clock of the source known to {self.clock_error_ms:.1f} ms only: a slow or busy network"
+        return ""
+
+    def _latency_warning(self) -> str:
+        newest = self._latency_ms
+        if not newest or (-self.clock_error_ms <= min(newest) and max(newest) <= LATENCY_WARN_MS):
+            return ""
         latency_ms = self.latency_ms
         if latency_ms > LATENCY_WARN_MS:
             grave = "far too old to drive on" if latency_ms > LATENCY_ERROR_MS else "high"
             return f"{latency_ms:.0f} ms from exposure to publication: {grave}"
         if latency_ms < -self.clock_error_ms:
             return f"frames from {-latency_ms:.1f} ms ahead of now: the clock is wrong"
-        if self.clock_error_ms > CLOCK_WARN_MS:
-            return f"clock of the source known to {self.clock_error_ms:.1f} ms only: a slow or busy network"
         return ""
 
     @property
