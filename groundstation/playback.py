@@ -104,7 +104,7 @@ class Playback:
         """The page's view of this moment; nothing in it can be pressed."""
         view = self.state.view(self.at_ns)
         run = view["run"]
-        view["run"] = {"state": "REPLAY", "icon": "rewind", "tone": "violet", "sub": f"{run['state']}. {run['sub']}"}
+        view["run"] = {"state": "REPLAY", "icon": "rewind", "tone": "violet", "sub": f"{run['state']} then, recorded"}
         view |= {"stop": None, "can": dict.fromkeys(view["can"], False), "checks": []}
         view["replay"] = {
             "at": round((self.at_ns - self.start_ns) / 1e9, 2),

@@ -87,14 +87,14 @@ function drawAll() {
   seed.open = view.can.seed && !stopped;
   const placing = !stopped && (view.run.state === "DISARMED" || (view.run.state === "NO STATION" && !view.elapsed));
   $("seed").hidden = !placing; $("release").hidden = !view.stop;
-  $("chart-panel").hidden = placing || Boolean(view.stop); $("log").hidden = placing && view.checks.length > 4;
+  $("chart-panel").hidden = placing || Boolean(view.stop || view.replay); $("log").hidden = placing && view.checks.length > 4;
   if (placing) {
     drawChecks(view.checks); text($("seed-message"), seed.message || note);
     for (const mode of ["point", "cloud"]) $(`tool-${mode}`).classList.toggle("on", seed.mode === mode);
   }
   if (view.stop) drawRelease(view.stop, $("release-word").value.toUpperCase(), releaseNote);
   else { releaseNote = ""; if ($("release-word").value) $("release-word").value = ""; }
-  drawLog(view, view.stop && window.innerWidth > 1360 ? 4 : window.innerWidth > 1360 ? 2 : 1);
+  drawLog(view, (view.stop || view.replay) && window.innerWidth > 1360 ? 4 : window.innerWidth > 1360 ? 2 : 1);
   drawActions(stopped);
   stop.draw();
   drawLegend(seed.open ? ["disarmed", "target", "attention", "kept", "fence"] : ["kept", "critical", "removed", ...(view.links.some((l) => l[2] === 3) ? ["unverified"] : []), "open", "seen", "tracked", "done", "fence"]);

@@ -10,6 +10,7 @@ export class Replay {
     this.now = null;
     this.events = [];
     this.strip = [];
+    this.floor = 0.05;
     this.dragging = false;
     $("replay-play").addEventListener("click", () => this.toggle());
     $("replay-speed").addEventListener("click", () => this.ask({ do: "speed", by: this.now?.speed >= 8 ? -9 : 1 }));
@@ -23,6 +24,7 @@ export class Replay {
   setLayout(layout) {
     this.events = layout.replay?.events || [];
     this.strip = layout.replay?.strip || [];
+    this.floor = layout.floor || 0.05;
   }
 
   toggle() { this.ask({ do: "play", on: !this.now?.playing }); }
@@ -56,26 +58,41 @@ export class Replay {
     this.drawStrip(now);
   }
 
-  /** lambda_2 over the whole recording on a log axis, a full bar where the swarm is in pieces; below, ticks for events. */
+  /** lambda_2 over the whole recording on a log axis, hatched where no connected graph lies; dots for events. */
   drawStrip(now) {
     const { context: c, width, height } = fit($("replay-events"));
     c.clearRect(0, 0, width, height);
-    const x = (at) => 8 + at / now.to * (width - 16), foot = height - 8;
-    const values = this.strip.map((p) => p[1]).filter((v) => v > 0);
-    const low = Math.log(Math.min(0.2, ...values)), high = Math.log(Math.max(2, ...values));
-    const y = (v) => foot - 2 - (Math.log(v) - low) / (high - low) * (foot - 4);
-    c.strokeStyle = color("--blue"); c.lineWidth = 2; c.lineJoin = "round"; c.beginPath();
-    let pen = false;
-    for (const [at, value] of this.strip) {
-      if (value > 0) { if (pen) c.lineTo(x(at), y(value)); else c.moveTo(x(at), y(value)); }
-      pen = value > 0;
+    const left = 36, right = width - 8, foot = height - 18, top = 4;
+    const x = (at) => left + at / now.to * (right - left);
+    const low = Math.log(this.floor * 0.62), high = Math.log(Math.max(2, ...this.strip.map((p) => p[1])) * 1.1);
+    const y = (v) => foot - (Math.max(low, Math.log(v || 1e-9)) - low) / (high - low) * (foot - top);
+    const level = y(this.floor);
+    c.save(); c.beginPath(); c.rect(left, level, right - left, foot - level); c.clip();
+    c.strokeStyle = color("--removed"); c.lineWidth = 1; c.beginPath();
+    for (let k = left - 20; k < right + 20; k += 7) { c.moveTo(k, foot + 6); c.lineTo(k + 18, level - 6); }
+    c.stroke(); c.restore();
+    c.font = "600 13.5px Inter"; c.textAlign = "right"; c.textBaseline = "middle"; c.fillStyle = color("--ink2");
+    c.lineWidth = 1;
+    for (const value of [this.floor, 1]) {
+      if (value === 1 && (this.floor > 0.6 || Math.exp(high) < 1.05)) continue;
+      c.strokeStyle = color(value === 1 ? "--line" : "--ink3");
+      c.beginPath(); c.moveTo(left, y(value)); c.lineTo(right, y(value)); c.stroke();
+      c.fillText(value === 1 ? "1" : value.toFixed(2).replace(/^0/, ""), left - 5, y(value));
     }
-    c.stroke();
-    c.fillStyle = color("--red");
-    for (const [at, value] of this.strip) if (!value) c.fillRect(x(at) - 1, 0, 2, foot);
-    c.fillStyle = color("--ink3");
-    for (const at of this.events) c.fillRect(x(at) - 1, foot, 2, 8);
-    c.strokeStyle = color("--violet"); c.lineWidth = 2; c.beginPath();
+    c.lineWidth = 3; c.lineJoin = "round"; c.strokeStyle = color("--blue");
+    for (const past of [true, false]) {
+      c.globalAlpha = past ? 1 : 0.4;
+      c.beginPath();
+      let last = null;
+      for (const [at, value] of this.strip) {
+        if ((at <= now.at) === past) { if (last === null) c.moveTo(x(at), y(value)); else { c.lineTo(x(at), last); c.lineTo(x(at), y(value)); } last = y(value); }
+      }
+      c.stroke();
+    }
+    c.globalAlpha = 1;
+    c.fillStyle = color("--ink");
+    for (const at of this.events) { c.beginPath(); c.arc(x(at), height - 8, 4, 0, 7); c.fill(); }
+    c.strokeStyle = color("--violet"); c.lineWidth = 3; c.beginPath();
     c.moveTo(x(now.at), 0); c.lineTo(x(now.at), height); c.stroke();
   }
 }
