@@ -73,7 +73,9 @@ ALONE: dict[str, Way] = {
     "simulate --profile paper --conditions ideal": Way(
         "ahdc-groundstation simulate --profile paper --conditions ideal --robots 2 --targets 2 --runs 1 --workers 1"
     ),
-    f"ahdc-groundstation simulate {SWEEP}": Way(f"ahdc-groundstation simulate {SWEEP.replace('100', '2')}"),
+    f"ahdc-groundstation simulate {SWEEP}": Way(
+        f"ahdc-groundstation simulate {SWEEP.replace('6 --targets 19 --runs 100', '3 --targets 4 --runs 2')}"
+    ),
     "ahdc-groundstation simulate --runs 1 --seed 7 --conditions field --pose-age-ms 20:150 --loss 0.3 --save kept": Way(
         "ahdc-groundstation simulate --runs 1 --seed 7 --conditions field --pose-age-ms 20:150 --loss 0.3 --save kept"
     ),
