@@ -29,8 +29,9 @@ esac
 COMMAND = """#!{python}
 import sys
 sys.path.insert(0, {root!r})
-from {room}.cli import main
-sys.exit(main())
+if __name__ == "__main__":
+    from {room}.cli import main
+    sys.exit(main())
 """
 
 
