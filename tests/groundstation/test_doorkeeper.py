@@ -1,22 +1,32 @@
 """What the station does not let in, for every kind of message that it hears."""
 
+from collections.abc import Iterable
+
 import msgspec
 import pytest
 
+from contract.arena import load
+from contract.keys import Keys
 from contract.messages import (
     BodyPose,
+    LogEntry,
     Message,
     MocapFrame,
     MocapHealth,
     NeighbourState,
     OrderRequest,
     RobotReport,
+    StationHeartbeat,
     StopRequest,
     Target,
     TargetCloud,
 )
+from groundstation import rig
+from groundstation.conduct import Conductor, new_session
+from groundstation.course import Plan
 from groundstation.doorkeeper import Doorkeeper, Succession
 
+ARENA = load(rig.find_arena("bench2"))
 MS = 1_000_000
 NOW_NS = 10**12
 
@@ -129,3 +139,43 @@ def test_lives_succeed_each_other_once() -> None:
     lives = Succession()
     steps = ((1, 0, 5), (2, 0, 5), (1, 9, 9), (2, 0, 9), (3, 0, 9), (2, 5, 20), (3, 1, 9))
     assert [lives.next(*step) for step in steps] == [True, True, False, False, True, False, True]
+
+
+class Wire:
+    """A link's stand-in: hands over what was put in, keeps what is published."""
+
+    def __init__(self) -> None:
+        self.keys = Keys(ARENA.arena.name)
+        self.arrived: list[Message] = []
+        self.said: list[Message] = []
+
+    def subscribe(self, keys: Iterable[str]) -> None:
+        assert all(map(self.keys.kind, keys))
+
+    def drain(self) -> list[tuple[str, Message]]:
+        taken, self.arrived = self.arrived, []
+        return [("", message) for message in taken]
+
+    def publish(self, key: str, message: Message, channel: str) -> None:
+        self.said.append(message)
+
+
+def test_a_station_lets_nothing_replayed_reach_its_session_and_says_so() -> None:
+    """What a recording of an earlier session holds, handed in again: orders nobody, changes nothing, is in the log."""
+    cloud, wire = TargetCloud(mission="m", targets=()), Wire()
+    conductor = Conductor(ARENA, new_session(ARENA, cloud, Plan()), cloud, wire)  # type: ignore[arg-type]
+    conductor.turn()
+    beat = next(message for message in wire.said if isinstance(message, StationHeartbeat))
+    order = OrderRequest(stamp_ns=NOW_NS, source="x", number=7, order="repeat", station=beat.boot + 1)
+    wire.arrived = [report(NOW_NS + MS), report(NOW_NS), order]
+    conductor.turn()
+    assert conductor.session.reports["r06"].stamp_ns == NOW_NS + MS
+    assert conductor.session.cloud.mission == "m"
+    wire.arrived = [msgspec.structs.replace(order, station=beat.boot)]
+    logs: list[LogEntry] = []
+    while not logs:
+        conductor.turn()
+        logs = [message for message in wire.said if isinstance(message, LogEntry)]
+    assert conductor.session.cloud.mission == "m.2", "an order for this session is obeyed"
+    assert logs[0].fields == {"report replayed": 1, "order for another session": 1}
+    assert logs[0].text == "order for another session 1, report replayed 1"
