@@ -1,20 +1,25 @@
 """Virtual bodies beside tracked ones: their poses go to the bridge as messages, since the cameras are another's."""
 
+import random
 from collections.abc import Callable, Iterable
 
 from contract.messages import ExternalBody, ExternalFrame
 from contract.units import metres, radians
-from mocap_bridge.mock.bodies import BodyState
+from mocap_bridge.mock.bodies import NOISE_M, BodyState
 
 
 class VirtualStream:
-    """Frames at multiples of the period from the first call. Pure; drives like an emulated server."""
+    """Frames at multiples of the period from the first call. Pure; drives like an emulated server.
 
-    def __init__(self, rate_hz: float) -> None:
+    Places have an emulated camera's noise: whoever sends bit for bit the same pose for long has frozen.
+    """
+
+    def __init__(self, rate_hz: float, seed: int = 0) -> None:
         self.next_due_ns = 0
         """When :meth:`stream` has something to send again; 0 until its first call."""
         self._period_ns = round(1e9 / rate_hz)
         self._seq = 0
+        self._random = random.Random(seed)
 
     def stream(
         self, now_ns: int, poses: Iterable[BodyState], clock: Callable[[], int] | None = None
@@ -25,9 +30,13 @@ class VirtualStream:
         due_ns = self.next_due_ns or now_ns
         self.next_due_ns = due_ns + ((now_ns - due_ns) // self._period_ns + 1) * self._period_ns
         self._seq += 1
+        gauss = self._random.gauss
         bodies = tuple(
             ExternalBody(
-                body=pose.name, x_m=metres(pose.x_m), y_m=metres(pose.y_m), heading_rad=radians(pose.heading_rad)
+                body=pose.name,
+                x_m=metres(pose.x_m + gauss(0.0, NOISE_M)),
+                y_m=metres(pose.y_m + gauss(0.0, NOISE_M)),
+                heading_rad=radians(pose.heading_rad),
             )
             for pose in poses
         )

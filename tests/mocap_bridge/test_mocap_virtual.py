@@ -170,4 +170,21 @@ def test_the_mock_arenas_stream_keeps_its_period_and_tells_what_it_shows() -> No
     assert [bool(stream.stream(T0 + k * 1_000_000, poses)) for k in range(18)] == [k in (0, 9, 17) for k in range(18)]
     (frame,) = stream.stream(T0 + 100_000_000, poses)
     assert (frame.seq, frame.stamp_ns, stream.next_due_ns) == (4, T0 + 100_000_000, T0 + 13 * STEP_NS)
-    assert decode(ExternalFrame, encode(frame)).bodies[0] == ExternalBody(body="r08", x_m=1.0, y_m=2.0, heading_rad=0.5)
+    (body,) = decode(ExternalFrame, encode(frame)).bodies
+    assert (body.body, body.x_m, body.y_m) == ("r08", pytest.approx(1.0, abs=2e-3), pytest.approx(2.0, abs=2e-3))
+    assert body.heading_rad == 0.5
+
+
+def test_virtual_bodies_that_stand_are_not_taken_for_frozen() -> None:
+    cameras, stream, pipeline = Cameras(), VirtualStream(120.0), Pipeline(SITE, 1)
+    source = WithVirtual(SITE, cameras)
+    poses = [BodyState("r08", 2.0, 2.0, 0.1), BodyState("r09", 3.0, 2.0, 0.2)]
+    reasons = set()
+    for k in range(240):
+        now_ns = T0 + k * 8_334_000
+        for frame in stream.stream(now_ns, poses):
+            source.store(encode(frame))
+        cameras.see(k + 1, now_ns)
+        (seen,) = source.receive(now_ns)
+        reasons |= {body.reason for body in pipeline.frame(seen, now_ns).bodies if body.robot != "r06"}
+    assert reasons == {""}
