@@ -264,3 +264,25 @@ def test_server_that_unicasts_to_the_data_port_is_heard() -> None:
         source.close()
         server.close()
     assert source.status().counters["command_unanswered"]
+
+
+def test_one_datagram_of_a_socket_is_taken_a_wake_and_all_of_them_without_one() -> None:
+    site = on_free_ports(arena())
+    source, frame = open_natnet(site), encode_frame(busy(1, [body(1)]), version.layout(Version(4, 1)))
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.bind((site.mocap.server, site.mocap.command_port))
+    try:
+        source.send(time.monotonic_ns())
+        _, client = sender.recvfrom(65535)
+        for _ in range(4):
+            sender.sendto(frame, client)
+        taken = []
+        for waits in (True, True, False, True):
+            if waits:
+                source.wait(0.0)
+            assert source.receive(time.monotonic_ns()) == []
+            taken.append(source.receiver.counters["early_frame"] + source.receiver.client.counters["early_frame"])
+    finally:
+        source.close()
+        sender.close()
+    assert taken == [1, 2, 4, 4]
