@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from groundstation.lockstep import Result
+from groundstation.result import Result
 from groundstation.sweep import POLL_S, Job, keep, polled
 
 CONNECT_S = 10.0

@@ -6,11 +6,9 @@ No threads, no clock, no sleep. Same arena, conditions and seed: the same run, b
 import heapq
 import math
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
-
-import msgspec
 
 from contract.arena import Arena, digest
 from contract.codec import encode
@@ -22,7 +20,6 @@ from contract.messages import (
     MotorBatch,
     NeighbourState,
     Order,
-    RobotStep,
     RunStatus,
     StationHeartbeat,
     StepBatch,
@@ -31,13 +28,13 @@ from contract.messages import (
     TargetCloud,
 )
 from contract.units import metres, radians
-from groundstation.activity import activity
 from groundstation.conditions import Conditions
 from groundstation.connectivity import summary
-from groundstation.grid import Cell, Grid
 from groundstation.hops import Hops, Plant, ShortCut
 from groundstation.referee import Referee
+from groundstation.result import Result, TimeBook
 from groundstation.targets import Scenario, lower_bound_s
+from groundstation.vicinity import CROWD, Vicinity
 from groundstation.wire import Wire
 from onboard.agent import Agent
 from onboard.ahdc.stopping import Brake
@@ -54,39 +51,11 @@ ARM_NS = 200_000_000
 RUN_NS = 400_000_000
 LAST_WORDS_NS = 1_000_000_000
 """What is still unsaid this long after the end stays so."""
-CROWD = 40
-"""Of more robots than this, each is given only the bodies and the words of those that may matter to it."""
-BEYOND_M = 0.8
-"""Words carry this much farther than r_c. Cells are r_c and this wide, and bodies show two cells far: a robot that is
-lost from sight there cannot come within r_c before it is forgotten."""
 TRUTH_NS = 20_000_000
 """How often a tap hears where the bodies really are."""
 
 
 Phase = Literal["ready", "armed", "running", "completed", "failed"]
-Ending = Literal["completed", "time up", "no scenario", "error"]
-
-
-class Result(msgspec.Struct, kw_only=True):
-    """What became of one run."""
-
-    seed: int
-    robots: int
-    targets: int
-    completed: bool
-    occupied: int
-    mission_s: float
-    disconnected_steps: int
-    collisions: int
-    min_distance_m: float
-    lower_bound_s: float
-    ratio_to_lower_bound: float | None
-    run_steps: int
-    ending: Ending
-    why: str = ""
-    """What every robot was about when the mission failed."""
-    time_s: dict[str, float] = {}
-    """Robot-seconds by activity (:data:`groundstation.activity.ACTIVITIES`)."""
 
 
 @dataclass
@@ -113,8 +82,8 @@ class World:
         self._frame = 0
         self._running = False
         self._start_ns = 0
-        self._time_ns: dict[str, int] = {}
-        self._doing: dict[str, tuple[str, int]] = {}
+        self._book: TimeBook | None = None
+        """From the start of the mission on."""
         self._order_seq = 0
         self.referee = Referee(self.arena.control.sensing_radius_m, self.arena.platform.diameter_m)
         self.keys = Keys(self.arena.arena.name)
@@ -130,8 +99,7 @@ class World:
         self._told_occupied = self._known_occupied = 0
         self._done: list[int] = []
         """Targets in the order in which the station heard of them."""
-        self._grid: Grid | None = None
-        """True places at the last frame, of a crowd."""
+        self._vicinity = Vicinity(self.radius_m)
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
         self._hung: set[str] = set()
@@ -297,7 +265,9 @@ class World:
         frame = self.hops.frame(self.now_ns, seen)
         if frame is not None:
             self._tell(self.keys.mocap_frame, frame)
-            shown = self._shown(frame) if len(self.agents) > CROWD and not self.wired else {}
+            shown: dict[str, MocapFrame] = {}
+            if len(self.agents) > CROWD and not self.wired:
+                shown = self._vicinity.shown(frame, {name: self.hops.pose(name) for name in self.agents})
             for name in self.agents:
                 age_ns = self._age_ns(name)
                 if conditions.frame_loss == 0.0 or rng.random() >= conditions.frame_loss:
@@ -306,29 +276,6 @@ class World:
         self._frame += 1
         due_ns = self._begin_ns + round(self._frame * 1e9 / self.arena.mocap.frame_rate_hz)
         self._at(due_ns, "frame", "", None)
-
-    def _shown(self, frame: MocapFrame) -> dict[str, MocapFrame]:
-        """For each robot of a crowd, the frame with the bodies around it; robots of one cell share it."""
-        places = {name: self.hops.pose(name) for name in self.agents}
-        grid = self._grid = Grid(places, max(1.0, self.radius_m) + BEYOND_M)
-        bodies = {body.robot: body for body in frame.bodies}
-        frames: dict[Cell, MocapFrame] = {}
-        shown = {}
-        for name, place in places.items():
-            cell = grid.cell(place)
-            if cell not in frames:
-                near = tuple(bodies[other] for other in grid.around(cell, 2) if other in bodies)
-                frames[cell] = msgspec.structs.replace(frame, bodies=near)
-            shown[name] = frames[cell]
-        return shown
-
-    def _hearers(self, sender: str) -> Iterable[str]:
-        """Whom a robot's words may reach: in a crowd those near it, else all."""
-        if self._grid is None:
-            return self.agents
-        pose, place = self.hops.pose, self.hops.pose(sender)[:2]
-        near = self._grid.around(self._grid.cell(place))
-        return [name for name in near if math.dist(place, pose(name)[:2]) <= self.radius_m + BEYOND_M]
 
     def _age_ns(self, name: str) -> int:
         """Base age of the robot plus jitter, clipped to the interval."""
@@ -402,31 +349,21 @@ class World:
         if isinstance(message, NeighbourState):
             self._told_occupied |= int(message.occupied or "0", 16)
             low, high = self.conditions.message_age_s
-            for name in self._hearers(sender):
+            for name in self._vicinity.hearers(sender, self.agents, self.hops.pose):
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):
                     delay_ns = int(self._rng.uniform(low, high) * 1e9) if high > 0 else 0
                     delay_ns += self.late_ns.get(name, 0)
                     self._at(self.now_ns + delay_ns, "message", name, (key, parcel))
-        elif isinstance(message, StepBatch):
+        elif isinstance(message, StepBatch) and self._book is not None:
             for step in message.steps:
-                self._note(step)
-
-    def _note(self, step: RobotStep) -> None:
-        if self._running:
-            self._spend(step.robot, step.step_ns)
-            self._doing[step.robot] = (activity(step), max(step.step_ns, self._start_ns))
-
-    def _spend(self, robot: str, until_ns: int) -> None:
-        """Book the time since the robot's last step under what it was about."""
-        word, since_ns = self._doing.get(robot, ("hold", self._start_ns))
-        self._time_ns[word] = self._time_ns.get(word, 0) + max(0, until_ns - since_ns)
+                self._book.note(step)
 
     def _on_heartbeat(self, _: str, __: Any) -> None:
         self._order_seq += 1
         order_id = sum(entry[0] <= self.now_ns for entry in self.orders)
         order, robots = self.orders[order_id - 1][1:]
         if order == "run" and not self._running:
-            self._running, self._start_ns = True, self.now_ns
+            self._running, self._start_ns, self._book = True, self.now_ns, TimeBook(self.now_ns)
         heartbeat = StationHeartbeat(
             schema_version=SCHEMA_VERSION,
             boot=1,
@@ -474,8 +411,6 @@ class World:
             control.reach_m,
         )
         period_s = next(iter(self.agents.values())).pacing.period_s
-        for name in self._doing:
-            self._spend(name, self.now_ns)
         return Result(
             seed=self.seed,
             robots=len(self.agents),
@@ -491,7 +426,7 @@ class World:
             run_steps=round(mission_s / period_s),
             ending="completed" if completed else "time up",
             why="" if completed else self._why(),
-            time_s={word: round(spent_ns * 1e-9, 3) for word, spent_ns in sorted(self._time_ns.items()) if spent_ns},
+            time_s=self._book.close(self.now_ns) if self._book is not None else {},
         )
 
     def _why(self) -> str:

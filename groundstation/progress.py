@@ -3,7 +3,7 @@
 import math
 from typing import TextIO
 
-from groundstation.lockstep import Result
+from groundstation.result import Result
 
 TERMINAL_S = 0.2
 LINE_S = 2.0

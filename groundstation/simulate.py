@@ -16,8 +16,8 @@ from groundstation import estimates
 from groundstation.activity import ACTIVITIES
 from groundstation.conditions import PRESETS, Conditions, Interval
 from groundstation.estimates import Estimate
-from groundstation.lockstep import Result
 from groundstation.progress import Progress
+from groundstation.result import Result
 from groundstation.runfolder import RECORDING, write_whole
 from groundstation.sweep import Calibrated, Job, local
 

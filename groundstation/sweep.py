@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple
 
 from contract.arena import Arena, Control, FieldControl, Floor, Mocap, Platform, Robot, Safety, Targets
 from groundstation.conditions import PRESETS, Conditions, Interval
-from groundstation.lockstep import Result, World
+from groundstation.lockstep import World
+from groundstation.result import Result
 from groundstation.targets import CloudError, scenario
 
 WHEELS: tuple[dict[str, Any], ...] = (

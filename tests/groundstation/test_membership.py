@@ -3,8 +3,8 @@
 import pytest
 
 from contract.messages import StationHeartbeat
-from groundstation.lockstep import Result
 from groundstation.membership import Befalls, Event, EventfulWorld
+from groundstation.result import Result
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 from onboard.ahdc.links import Link

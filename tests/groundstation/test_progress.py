@@ -2,8 +2,8 @@
 
 import io
 
-from groundstation.lockstep import Result
 from groundstation.progress import Progress
+from groundstation.result import Result
 
 
 def result(completed: bool = True, split: int = 0) -> Result:
