@@ -164,3 +164,23 @@ def test_a_request_dies_out_when_its_robot_falls_silent() -> None:
             assist.listen((other, help_) for other, help_ in told.items() if other != name and help_ is not None)
         told = {name: assist.told for name, assist in robots.items()}
     assert set(told.values()) == {None}
+
+
+def test_what_is_open_follows_what_is_seen_and_what_is_occupied() -> None:
+    memory = TargetMemory()
+    assert memory.open() == {}
+    memory.see(3, (1.0, 2.0))
+    assert memory.open() == {3: (1.0, 2.0)}
+    memory.see(3, (1.5, 2.0))
+    assert memory.open() == {3: (1.5, 2.0)}
+    memory.see_all({3: (1.5, 2.0), 5: (0.0, 1.0)})
+    known = memory.open()
+    assert known == {3: (1.5, 2.0), 5: (0.0, 1.0)}
+    memory.see_all({3: (1.5, 2.0)})
+    memory.see(5, (0.0, 1.0))
+    memory.merge(0)
+    assert memory.open() is known, "nothing new: what is told of it need not be made anew"
+    memory.occupy(3)
+    assert memory.open() == {5: (0.0, 1.0)}
+    memory.merge(1 << 5)
+    assert memory.open() == {}
