@@ -1,8 +1,9 @@
 """Two Dynamixel servos in velocity mode (X series control table, ROBOTIS e-Manual).
 
 The Bus Watchdog (register 98, 20 ms a count, off by default) is set and read back. Once tripped
-its register reads -1 and goals are refused until 0 is written: ``activate`` does that. XL330-M077
-manages 0.8 m/s on 30 mm wheels; XC330 and XL430 do not.
+its register reads -1 and goals are refused until 0 is written: ``activate`` does that. The Return
+Delay (register 9, 0.5 ms by default before every reply) is set to 0. XL330-M077 manages 0.8 m/s on
+30 mm wheels; XC330 and XL430 do not.
 """
 
 import struct
@@ -21,7 +22,7 @@ from drivers.serial.family import Baud, SerialDrive, SerialOptions, open_port
 
 __all__ = ["Drive", "Options", "check", "open_port"]
 
-OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG = 11, 64, 70, 98
+RETURN_DELAY, OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG = 9, 11, 64, 70, 98
 GOAL_VELOCITY, PRESENT_VELOCITY, INPUT_VOLTAGE = 104, 128, 144
 VELOCITY_MODE = 1
 WATCHDOG_STEP_S = 0.02
@@ -160,6 +161,8 @@ class Drive(SerialDrive[Options]):
                 f"no answer from the {servo.name} servo, id {servo.device}, at {self.options.baud} baud"
             )
         self._write(servo, TORQUE_ENABLE, b"\0")
+        if self._read(servo, RETURN_DELAY, 1) != b"\0":
+            self._write(servo, RETURN_DELAY, b"\0")
         self._write(servo, OPERATING_MODE, bytes((VELOCITY_MODE,)))
         if self._read(servo, OPERATING_MODE, 1) != bytes((VELOCITY_MODE,)):
             raise self.line.refused(f"the {servo.name} servo does not take velocity mode", "Use an X-series servo")

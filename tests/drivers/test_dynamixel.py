@@ -157,3 +157,10 @@ def test_both_goals_leave_in_one_packet() -> None:
     wire.send = lambda data: sent.append(data) or send(data)  # type: ignore[func-returns-value]
     bench.drive.write(WheelSpeeds(1.0, 1.0), bench.now_ns)
     assert [len(data) for data in sent] == [24]
+
+
+def test_pitfall_half_a_millisecond_of_return_delay_by_default_is_taken_away() -> None:
+    bench = Bench("dynamixel")
+    assert [servo.table[9] for servo in bench.device.servos] == [250, 250]
+    bench.start()
+    assert [servo.table[9] for servo in bench.device.servos] == [0, 0]
