@@ -184,3 +184,4 @@ def test_what_is_open_follows_what_is_seen_and_what_is_occupied() -> None:
     assert memory.open() == {5: (0.0, 1.0)}
     memory.merge(1 << 5)
     assert memory.open() == {}
+    assert to_hex(0) == ""

@@ -1,4 +1,4 @@
-"""Every mutant of the last gate, the supervisor and its failsafes is found out by a test, or proven equivalent.
+"""Every mutant of the last gate, the supervisor, its failsafes and target memory is found out, or proven equivalent.
 
 Each statement left out, each condition always and never true: more than line and branch coverage of these modules.
 The mutants live in forked processes (``mutants.py``); those that no test can find are in ``equivalent.txt``, each with
@@ -21,6 +21,7 @@ MODULES = {
     "drivers.gate": "tests/drivers/test_gate.py",
     "onboard.safety": "tests/onboard/test_safety.py",
     "onboard.failsafes": "tests/onboard/test_safety.py",
+    "onboard.ahdc.memory": "tests/onboard/test_tasks.py",
 }
 
 
