@@ -39,6 +39,7 @@ VERBS: dict[str, Verb] = {
     "deploy": Verb("groundstation.deploy", "bring this software and arena file to the robots' computers", "Run"),
     "doctor": Verb("groundstation.doctor", "check the whole fleet before it gets power", "Run"),
     "fleet": Verb("groundstation.fleet", "every robot's state, log and version, side by side", "Run"),
+    "seed": Verb("groundstation.seeding", "give the mission other targets: points, a seeded cloud, a file", "Run"),
     "arm": Verb("groundstation.orders", "let the robots' wheels be driven", "Run"),
     "start": Verb("groundstation.orders", "start the mission", "Run"),
     "hold": Verb("groundstation.orders", "pause: robots hold their place under control", "Run"),
