@@ -129,7 +129,7 @@ def whole(arena: Arena, out: Path) -> list[Passage]:
         processes.start()
         with Link(arena, "station") as link:
             listen(link, arena)
-            session = new_session(arena, cloud, Plan(automatic=True))
+            session = new_session(arena, cloud, Plan(automatic=True), link)
             conductor = Conductor(arena, session, cloud, link)
             if not conductor.until(lambda: session.phase == "running", 30.0):
                 raise RuntimeError(f"the robots do not start: {session.detail}")
@@ -147,7 +147,7 @@ def stripped(arena: Arena, out: Path) -> list[Passage]:
         processes.start()
         with Link(arena, "station") as link:
             listen(link, arena)
-            conductor = Conductor(arena, new_session(arena, cloud, Plan(automatic=True)), cloud, link)
+            conductor = Conductor(arena, new_session(arena, cloud, Plan(automatic=True), link), cloud, link)
             turn(conductor, SETTLE_S)
             conductor.listener = lambda message, _: heard.receive(message)
             first_ns, last_ns = time.monotonic_ns(), turn(conductor, BLOCK_S)

@@ -17,6 +17,8 @@
 <site>/robot/<id>/inputs      InputBatch        what its agent was given, for replay
 <site>/motor/<id>             MotorBatch        from the emulated controllers only
 <site>/log/<source>           LogEntry
+<site>/clock/ask/<source>     ClockAsk          what time is it? from robots and station to the bridge
+<site>/clock/tell/<source>    ClockTell         the bridge's answer
 <site>/presence/<source>      liveliness token: presence, never a safety signal
 """
 
@@ -111,6 +113,12 @@ class Keys:
     def presence(self, source: str) -> str:
         return f"{self.site}/presence/{self._chunk('source', source)}"
 
+    def clock_ask(self, source: str) -> str:
+        return f"{self.site}/clock/ask/{self._chunk('source', source)}"
+
+    def clock_tell(self, source: str) -> str:
+        return f"{self.site}/clock/tell/{self._chunk('source', source)}"
+
     @property
     def everything(self) -> str:
         """Selector of all data of the site, for the recorder."""
@@ -152,6 +160,10 @@ class Keys:
                 return m.MotorBatch
             case ["log", _]:
                 return m.LogEntry
+            case ["clock", "ask", _]:
+                return m.ClockAsk
+            case ["clock", "tell", _]:
+                return m.ClockTell
             case _:
                 return None
 

@@ -197,6 +197,25 @@ class StopRequest(Message, frozen=True, kw_only=True):
     stop_id: Count
 
 
+# --- time -----------------------------------------------------------------------------------------
+
+
+class ClockAsk(Message, frozen=True, kw_only=True):
+    """What time is it on this site? Asked by everybody whose own clock does not keep it."""
+
+    asked_ns: Nanoseconds
+    """The asker's own monotonic clock."""
+
+
+class ClockTell(Message, frozen=True, kw_only=True):
+    """The motion-capture bridge's answer."""
+
+    asked_ns: Nanoseconds
+    """Of the question, as it came."""
+    told_ns: Nanoseconds
+    """Site time."""
+
+
 # --- robot -> robots ------------------------------------------------------------------------------
 
 

@@ -2,12 +2,8 @@
 
 The star: one router session, all other sessions are clients that connect to ``arena.link.router``. The
 motion-capture bridge holds the router where there are no keys, a process of its own where there are
-(``ahdc-groundstation router``). This module opens nothing;
-:mod:`contract.joining` does, with these settings::
-
-    who = network.identity(arena.link.keys, "r06")
-    with open_session(network.client_config(arena.link.router, identity=who)) as session:
-        speaker = publisher(session, keys.state("r06"), "state")
+(``ahdc-groundstation router``). This module opens nothing: each room does, in its ``network.py``, with the
+settings of :func:`client_config`.
 
 Never leave a plain callback on a state channel: its subscribers use ``zenoh.handlers.RingChannel(1)``
 or a callback that only fills a slot and wakes a poll.
@@ -80,6 +76,8 @@ QOS: Mapping[str, Qos] = MappingProxyType(
         "inputs": _TELEMETRY,
         "motor": _TELEMETRY,
         "log": _LOGS,
+        "clock_ask": _BEATS,
+        "clock_tell": _BEATS,
     }
 )
 """Quality of service by channel; the names are those of the members of :class:`contract.keys.Keys`.

@@ -2,8 +2,8 @@
 
 Frames: the arena frame is right-handed, x along the first side of ``arena.size_m``, y along the
 second, z up; headings are counter-clockwise from x in (-pi, pi].
-Time: every ``*_ns`` is site time, nanoseconds of the monotonic clock of the host that runs the
-router; a robot converts its own monotonic clock into site time before it stamps anything.
+Time: every ``*_ns`` is site time, nanoseconds of the monotonic clock of the computer that runs the
+motion-capture bridge; everybody else asks the bridge for it (:mod:`contract.site_clock`).
 """
 
 from typing import Annotated

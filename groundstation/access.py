@@ -31,27 +31,30 @@ def leaves(arena: Arena) -> dict[str, Leave]:
     """What every robot and role of the arena may do."""
     keys = Keys(arena.arena.name)
     site = keys.site
+    asks, told = f"{site}/clock/ask/*", f"{site}/clock/tell/*"
     common = (keys.stop, keys.heartbeat, keys.mocap_frame, keys.targets)
     found = {}
     for name in arena.robots:
         own = tuple(getattr(keys, kind)(name) for kind in ("state", "report", "steps", "feedback", "inputs", "log"))
         others = tuple(keys.state(other) for other in arena.robots)
-        found[name] = Leave((*own, keys.presence(name)), (*common, *others))
+        found[name] = Leave(
+            (*own, keys.clock_ask(name), keys.presence(name)), (*common, keys.clock_tell(name), *others)
+        )
     wishes = (keys.stop, keys.order, keys.seed)
     everything = (keys.everything,)
     found["station"] = Leave(
-        (*wishes, keys.heartbeat, keys.targets, keys.status, f"{site}/log/*", f"{site}/presence/*"),
+        (*wishes, keys.heartbeat, keys.targets, keys.status, f"{site}/log/*", f"{site}/presence/*", asks),
         everything,
         (f"{site}/recorder/*", f"{site}/presence/*"),
     )
     heard = (
         *common, keys.mocap_health, keys.status, f"{site}/log/*", f"{site}/log/**", f"{site}/robot/*/report",
-        *(keys.report(name) for name in arena.robots), f"{site}/presence/*",
+        *(keys.report(name) for name in arena.robots), f"{site}/presence/*", told,
     )  # fmt: skip
-    found["operator"] = Leave((*wishes, f"{site}/presence/*"), heard)
+    found["operator"] = Leave((*wishes, f"{site}/presence/*", asks), heard)
     found["bridge"] = Leave(
-        (keys.mocap_frame, keys.mocap_health, keys.log("mocap_bridge"), keys.presence("mocap_bridge")),
-        (keys.external, keys.virtual),
+        (keys.mocap_frame, keys.mocap_health, keys.log("mocap_bridge"), keys.presence("mocap_bridge"), told),
+        (keys.external, keys.virtual, asks),
     )
     found["external"] = Leave((keys.external,), (keys.mocap_health,))
     on_stands = [r for r, robot in arena.robots.items() if "body" in robot.emulate and "wheels" not in robot.emulate]

@@ -27,9 +27,9 @@ DISK_NS = 1_000_000_000
 REFUSED_NS = 1_000_000_000
 
 
-def new_session(arena: Arena, cloud: TargetCloud, plan: Plan) -> Session:
+def new_session(arena: Arena, cloud: TargetCloud, plan: Plan, link: Link) -> Session:
     """A session with a boot number never used before."""
-    return Session(arena, cloud, secrets.randbelow(1 << 48), plan, time.monotonic_ns())
+    return Session(arena, cloud, secrets.randbelow(1 << 48), plan, link.now_ns())
 
 
 class Conductor:
@@ -58,6 +58,7 @@ class Conductor:
         """Also told every message, with the monotonic time in seconds."""
         self._told = cloud
         self._door = Doorkeeper()
+        self._epoch = link.epoch
         self._refused = 0
         self._due = {"heartbeat": 0, "targets": 0, "status": 0, "disk": 0, "refused": 0}
         keys = link.keys
@@ -66,13 +67,15 @@ class Conductor:
 
     def turn(self) -> None:
         """Take what has arrived, publish what is due, and wait at most until the next heartbeat."""
+        if self._epoch != self._link.epoch:
+            self._epoch, self._door = self._link.epoch, Doorkeeper(self._door.boot)
         for _, message in self._link.drain():
             if not self._door.lets(message):
                 continue
-            self.session.receive(message, time.monotonic_ns())
+            self.session.receive(message, self._link.now_ns())
             if self.listener is not None:
                 self.listener(message, time.monotonic())
-        now_ns = time.monotonic_ns()
+        now_ns = self._link.now_ns()
         if self._take("disk", DISK_NS, now_ns) and self._folder is not None:
             self.session.disk_free_mb = shutil.disk_usage(self._folder).free / 1e6
         if self._take("refused", REFUSED_NS, now_ns):
@@ -95,7 +98,7 @@ class Conductor:
                 self._notebook.write(session.cloud, session.started_ns, session.phase == "completed", now_ns)
             if self.listener is not None:
                 self.listener(status, time.monotonic())
-        time.sleep(max(0.0, (min(self._due.values()) - time.monotonic_ns()) / 1e9))
+        time.sleep(max(0.0, (min(self._due.values()) - self._link.now_ns()) / 1e9))
 
     def until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Turn until ``done`` or the time is up; whether it was done."""
@@ -171,8 +174,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         with Link(arena, "station") as link:
             current.remember(args.arena)
-            session, notebook = new_session(arena, cloud, plan), Notebook(digest(arena))
-            if not args.mission and (note := notebook.read(time.monotonic_ns())) is not None:
+            session, notebook = new_session(arena, cloud, plan, link), Notebook(digest(arena))
+            if not args.mission and (note := notebook.read(link.now_ns())) is not None:
                 session.go_on(note.cloud, note.started_ns)
                 print(f"goes on with mission {note.cloud.mission}, {len(note.cloud.targets)} targets", flush=True)
             conductor = Conductor(arena, session, session.cloud, link, args.out, notebook)

@@ -77,7 +77,7 @@ def _mission(arena: Arena, cloud: TargetCloud, out: Path, args: argparse.Namespa
         print(f"{len(arena.robots)} robots ready in {time.monotonic() - began:.1f} s; recording to {out}", flush=True)
         with Link(arena, "station") as link:
             plan = Plan(automatic=True, timeout_s=args.timeout, ready_timeout_s=READY_S)
-            session = new_session(arena, cloud, plan)
+            session = new_session(arena, cloud, plan, link)
             conductor = Conductor(arena, session, cloud, link)
             show = _lines if args.headless or not sys.stdout.isatty() else _table
             with show(arena, conductor, link) as refresh:

@@ -82,8 +82,8 @@ def listen(arena: Arena, seconds: float, folder: Path) -> Fleet:
         while (left := deadline - time.monotonic()) > 0:
             link.wait(left)
             for _, message in link.drain():
-                ear.receive(message, time.monotonic_ns())
-        return ear.fleet(time.monotonic_ns())
+                ear.receive(message, link.now_ns())
+        return ear.fleet(link.now_ns())
 
 
 def lines(results: list[CheckResult]) -> list[str]:

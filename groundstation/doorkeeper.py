@@ -41,11 +41,11 @@ class Succession:
 class Doorkeeper:
     """Judges everything the station hears."""
 
-    def __init__(self) -> None:
+    def __init__(self, boot: int | None = None) -> None:
         self.refused: Counter[str] = Counter()
         """By what it was and why."""
         self._successions: dict[str, Succession] = {}
-        self.boot: int | None = None
+        self.boot = boot
         """Of this station; orders for another are refused."""
         self._seeds: list[str] = []
 

@@ -46,10 +46,10 @@ def run(args: argparse.Namespace) -> int:
         return 1
 
 
-def request(order: Literal["repeat", "home", "disarm"]) -> OrderRequest:
+def request(link: Link, order: Literal["repeat", "home", "disarm"]) -> OrderRequest:
     """An order with a number of its own."""
     number = time.time_ns() // 1_000_000
-    return OrderRequest(stamp_ns=time.monotonic_ns(), source=f"terminal {os.getpid()}", number=number, order=order)
+    return OrderRequest(stamp_ns=link.now_ns(), source=f"terminal {os.getpid()}", number=number, order=order)
 
 
 def statuses(link: Link, patience_s: float, asked: OrderRequest | None = None) -> Iterator[RunStatus]:
@@ -69,7 +69,7 @@ def repeat(link: Link) -> int:
     before = next(statuses(link, ANSWER_S), None)
     if before is None:
         return no_session()
-    for status in statuses(link, ANSWER_S, request("repeat")):
+    for status in statuses(link, ANSWER_S, request(link, "repeat")):
         if status.mission != before.mission:
             print(f"mission {status.mission}: {status.targets} targets open; arm, then start")
             return 0
@@ -87,7 +87,7 @@ def go_home(arena: Arena, link: Link) -> int:
     words = ""
     status: RunStatus | None = None
     try:
-        for status in statuses(link, timeout_s(arena) + HOME_MORE_S, request("home")):
+        for status in statuses(link, timeout_s(arena) + HOME_MORE_S, request(link, "home")):
             going = going or status.phase == "homing"
             if status.detail.startswith("home refused"):
                 print(status.detail, file=sys.stderr)
@@ -98,7 +98,7 @@ def go_home(arena: Arena, link: Link) -> int:
                 words = status.detail
                 print(words, flush=True)
     except KeyboardInterrupt:
-        link.publish(link.keys.order, request("disarm"), "order")
+        link.publish(link.keys.order, request(link, "disarm"), "order")
         print(f"\ndisarmed {len(arena.robots)} robots", file=sys.stderr)
         return 130
     return no_session() if status is None else 1

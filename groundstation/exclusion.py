@@ -53,7 +53,7 @@ def ask(link: Link, order: Literal["exclude", "readmit"], robots: tuple[str, ...
     """Ask until the session's status shows it."""
     number = time.time_ns() // 1_000_000
     source = f"terminal {os.getpid()}"
-    asked = OrderRequest(stamp_ns=time.monotonic_ns(), source=source, number=number, order=order, robots=robots)
+    asked = OrderRequest(stamp_ns=link.now_ns(), source=source, number=number, order=order, robots=robots)
     status: RunStatus | None = None
     for status in statuses(link, ANSWER_S, asked):
         if all((name in status.excluded) == (order == "exclude") for name in robots):

@@ -48,7 +48,7 @@ class Stage:
     def __init__(self, processes: Rig, link: Link) -> None:
         self.rig, self.link, self.arena = processes, link, processes.arena
         cloud = cloud_of(self.arena, "faults")
-        self.session = new_session(self.arena, cloud, Plan())
+        self.session = new_session(self.arena, cloud, Plan(), link)
         self.conductor = Conductor(self.arena, self.session, cloud, link)
         self.conductor.listener = lambda message, _: self._hear(message)
         link.subscribe(link.keys.motor(name) for name in self.arena.robots)

@@ -15,11 +15,13 @@ from contract import network
 from contract.arena import Arena, ArenaError
 from contract.codec import WireError, decode, encode
 from contract.exposure import exposure
-from contract.joining import open_session, publisher
 from contract.keys import Keys
-from contract.messages import Message, OrderRequest, StationHeartbeat
+from contract.messages import ClockAsk, ClockTell, Message, OrderRequest, StationHeartbeat
+from contract.site_clock import SiteClock
+from groundstation.network import open_session, publisher
 
 QUEUE = 20_000
+TOLD_S = 0.5
 HEARD_S = 0.5
 """For the first heartbeat of the session that an order is for."""
 
@@ -64,6 +66,11 @@ class Link:
         self._token: Any = None
         self._beats: Any = None
         self._boot = 0
+        self.epoch = 0
+        """Raised when the site keeps another time than before."""
+        self._clock = SiteClock()
+        self._told: deque[tuple[bytes, int]] = deque(maxlen=16)
+        self._ear: Any = None
 
     def __enter__(self) -> "Link":
         import zenoh
@@ -124,6 +131,44 @@ class Link:
             with contextlib.suppress(WireError):
                 self._boot = decode(StationHeartbeat, sample.payload.to_bytes()).boot
         return self._boot
+
+    def now_ns(self) -> int:
+        """Site time. The first call waits for the motion-capture bridge to tell it, at most ``TOLD_S``.
+
+        Until then it is this computer's monotonic clock, which is right on the bridge's own computer; and when the
+        site keeps another time than before, it is asked for anew.
+        """
+        clock = self._clock
+        if self._ear is None:
+            self._ear = self._session.declare_subscriber(self.keys.clock_tell(self._source), self._note_told)
+            until_ns = time.monotonic_ns() + round(TOLD_S * 1e9)
+            while not clock.ready and time.monotonic_ns() < until_ns:
+                self._ask(time.monotonic_ns())
+                time.sleep(0.005)
+        local_ns = time.monotonic_ns()
+        if self._told or clock.due(local_ns):
+            self._ask(local_ns)
+        if clock.lost:
+            clock = self._clock = SiteClock()
+            self.epoch += 1
+        return clock.ns(local_ns)
+
+    def stamp_ns(self) -> int:
+        """Site time as :meth:`now_ns` last knew it; asks nobody, and may be called from any thread."""
+        return self._clock.ns(time.monotonic_ns())
+
+    def _note_told(self, sample: Any) -> None:
+        self._told.append((sample.payload.to_bytes(), time.monotonic_ns()))
+
+    def _ask(self, local_ns: int) -> None:
+        while self._told:
+            payload, heard_ns = self._told.popleft()
+            with contextlib.suppress(WireError):
+                told = decode(ClockTell, payload)
+                self._clock.hear(told.asked_ns, told.told_ns, heard_ns)
+        if self._clock.due(local_ns):
+            asked = ClockAsk(asked_ns=self._clock.ask(local_ns))
+            self.publish(self.keys.clock_ask(self._source), asked, "clock_ask")
 
     def wait(self, timeout_s: float) -> None:
         """Until something has arrived, at most ``timeout_s``."""

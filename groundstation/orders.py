@@ -43,7 +43,7 @@ def stop_all(arena: Arena, link: Link, stop_id: int, source: str, give_up_s: flo
     due = began
     while len(heard) < len(arena.robots) and (now := time.monotonic()) - began < give_up_s:
         if now >= due:
-            request = StopRequest(stamp_ns=time.monotonic_ns(), source=source, stop_id=stop_id)
+            request = StopRequest(stamp_ns=link.stamp_ns(), source=source, stop_id=stop_id)
             link.publish(link.keys.stop, request, "stop")
             due = now + REPEAT_S
         link.wait(due - time.monotonic())
@@ -97,14 +97,14 @@ def _stop(arena: Arena, args: argparse.Namespace) -> int:
 
 def _order(arena: Arena, args: argparse.Namespace) -> int:
     order, state = ORDERS[args.verb]
-    request = OrderRequest(
-        stamp_ns=time.monotonic_ns(),
-        source=f"terminal {os.getpid()}",
-        number=time.time_ns() // 1_000_000,
-        order=order,
-    )
     try:
         with Link(arena, f"order-{os.getpid()}", timeout_s=2.0) as link:
+            request = OrderRequest(
+                stamp_ns=link.now_ns(),
+                source=f"terminal {os.getpid()}",
+                number=time.time_ns() // 1_000_000,
+                order=order,
+            )
             return _ask(arena, link, request, state, args.wait)
     except LinkError as error:
         print(error, file=sys.stderr)

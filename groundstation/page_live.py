@@ -27,7 +27,7 @@ class Page:
 
     def __init__(self, arena: Arena, link: Intake, token: str) -> None:
         self.arena = arena
-        self.state = PageState(arena, time.monotonic_ns())
+        self.state = PageState(arena, link.now_ns())
         self.clients: set[Client] = set()
         self._link = link
         self._token = token
@@ -39,7 +39,7 @@ class Page:
 
     def stop(self, stop_id: object, source: object) -> int:
         """Send STOP before anything else; returns its number."""
-        now_ns = time.monotonic_ns()
+        now_ns = self._link.now_ns()
         number = stop_id if type(stop_id) is int and 0 < stop_id < 1 << 53 else time.time_ns() // 1_000_000
         words = source if isinstance(source, str) and 0 < len(source) <= 40 else "the page"
         pressed = self.state.latch.pressed
@@ -56,7 +56,7 @@ class Page:
 
     def act(self, message: dict[str, Any]) -> str:
         """Do what a browser asks; '' if it is under way, else why not."""
-        now_ns = time.monotonic_ns()
+        now_ns = self._link.now_ns()
         number = time.time_ns() // 1_000_000
         match message.get("do"):
             case "order":
@@ -120,7 +120,7 @@ class Page:
         """20 views a second; while a STOP waits for answers the network is read every 10 ms."""
         view_due = time.monotonic()
         while True:
-            self.turn(time.monotonic_ns())
+            self.turn(self._link.now_ns())
             now = time.monotonic()
             if now >= view_due:
                 view_due = view_due + VIEW_S if now - view_due < VIEW_S else now + VIEW_S
@@ -154,9 +154,9 @@ class Page:
 
     def _show(self) -> None:
         if not self.clients:
-            self.state.network(time.monotonic_ns())
+            self.state.network(self._link.now_ns())
             return
-        view = msgspec.json.encode(self.view(time.monotonic_ns()))
+        view = msgspec.json.encode(self.view(self._link.now_ns()))
         shown = self.shown()
         for client in self.clients:
             if client.cloud_version != shown.cloud_version:

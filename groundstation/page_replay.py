@@ -5,6 +5,7 @@ from typing import Any
 from contract.arena import Arena
 from contract.keys import Keys
 from contract.messages import Message
+from contract.site_clock import SiteClock
 from groundstation.page_intake import Intake
 from groundstation.page_live import Page
 from groundstation.playback import Playback
@@ -18,10 +19,14 @@ class NoLink(Intake):
     def __init__(self, arena: Arena) -> None:
         self.keys = Keys(arena.arena.name)
         self.refused = 0
+        self._clock = SiteClock()
         self.present = set()
 
     def publish(self, key: str, message: Message, channel: str) -> None:
         return
+
+    def now_ns(self) -> int:
+        return self.stamp_ns()
 
     def take(self) -> list[tuple[Message, int]]:
         return []

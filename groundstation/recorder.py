@@ -51,7 +51,7 @@ class Intake(Link):
         if len(self._arrived) >= QUEUE:
             self.dropped += 1
         else:
-            self._arrived.append((str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns()))
+            self._arrived.append((str(sample.key_expr), sample.payload.to_bytes(), self.stamp_ns()))
 
     def listen(self) -> None:
         """Subscribe to everything, and return once the router has answered a query sent after that."""
@@ -67,8 +67,10 @@ class Intake(Link):
 class Reel:
     """The recording in progress: a mission that is repeated gets a run folder of its own, ``DIR-2``, ``DIR-3``."""
 
-    def __init__(self, out: Path, arena: Arena, config: bytes) -> None:
-        self.tape = Tape(out / NAME, arena, config)
+    def __init__(self, out: Path, arena: Arena, config: bytes, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        """:param clock: site time."""
+        self.tape = Tape(out / NAME, arena, config, clock)
+        self._clock = clock
         self.troubles: list[str] = []
         """Of the recordings that are finished."""
         self._out = out
@@ -99,7 +101,7 @@ class Reel:
             folder = next_folder(self._out)
             folder.mkdir(parents=True)
             (folder / CONFIG).write_bytes(self._config)
-            tape = Tape(folder / NAME, self.tape.arena, self._config)
+            tape = Tape(folder / NAME, self.tape.arena, self._config, self._clock)
         except OSError as error:
             print(f"next run not in a folder of its own: {error}", file=sys.stderr, flush=True)
             return
@@ -125,7 +127,7 @@ def _mission_of(payload: bytes) -> str | None:
 class Tape:
     """One recording in progress: writes, commits, watches the disk."""
 
-    def __init__(self, path: Path, arena: Arena, config: bytes) -> None:
+    def __init__(self, path: Path, arena: Arena, config: bytes, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self.path = path
         self.lost = 0
         """Messages that came while the disk was full and memory, too."""
@@ -134,7 +136,7 @@ class Tape:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         self.sink = Sink(self._descriptor)
         self.writer = RunWriter(self.sink, Keys(arena.arena.name))
-        now_ns = time.monotonic_ns()
+        now_ns = clock()
         self.began_ns = now_ns
         self.writer.describe(
             {"run": _about(arena, now_ns), "software": software()}, {CONFIG: config, **files()}, now_ns
@@ -202,7 +204,7 @@ def _about(arena: Arena, now_ns: int) -> dict[str, str]:
         "run_id": f"{arena.arena.name}-{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.urandom(2).hex()}",
         "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "site_time_ns": str(now_ns),
-        "wall_minus_site_ns": str(time.time_ns() - time.monotonic_ns()),
+        "wall_minus_site_ns": str(time.time_ns() - now_ns),
         "arena": arena.arena.name,
         "arena_hash": digest(arena),
         "profile": arena.control.profile,
@@ -233,7 +235,7 @@ def record(reel: Reel, intake: Intake, going: Callable[[], bool]) -> None:
             continue
         commit_due = now + COMMIT_S
         tape.commit()
-        health = tape.health(intake.dropped, time.monotonic_ns())
+        health = tape.health(intake.dropped, intake.now_ns())
         if now >= tell_due or health.level != level:
             tell_due = now + TELL_S
             intake.publish(intake.keys.log("recorder"), health, "log")
@@ -259,20 +261,22 @@ def run(args: argparse.Namespace) -> int:
     going = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: going.clear())
+    intake = Intake(arena)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         set_aside(args.out / NAME)
-        reel = Reel(args.out, arena, args.arena.read_bytes())
+        with intake:
+            return _record(Reel(args.out, arena, args.arena.read_bytes(), intake.now_ns), intake, lambda: bool(going))
     except OSError as error:
         print(f"{args.out}: {error.strerror}", file=sys.stderr)
-        return 1
-    intake = Intake(arena)
-    try:
-        with intake:
-            record(reel, intake, lambda: bool(going))
     except LinkError as error:
         print(error, file=sys.stderr)
-        return 1
+    return 1
+
+
+def _record(reel: Reel, intake: Intake, going: Callable[[], bool]) -> int:
+    try:
+        record(reel, intake, going)
     finally:
         reel.tape.close(intake.dropped)
     troubles = [*reel.troubles, *filter(None, [reel.tape.trouble])]

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from contract import network
 from contract.arena import Arena, ArenaError, load
-from contract.joining import open_session
 from groundstation import access
 from groundstation.keyring import Keyring, KeysError
+from groundstation.network import open_session
 
 LOOK_S = 0.5
 

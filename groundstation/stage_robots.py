@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from math import inf
 from pathlib import Path
-from time import monotonic_ns
 
 import msgspec
 
@@ -51,13 +50,13 @@ class RobotStage:
         self._link = Link(self._arena, "station")
         self._link.__enter__()
         current.remember(self._file)
-        self._session = new_session(self._arena, cloud, Plan())
+        self._session = new_session(self._arena, cloud, Plan(), self._link)
         self._conductor = Conductor(self._arena, self._session, cloud, self._link)
         self._said = ""
 
     def close(self) -> None:
         """Leave the robots disarmed."""
-        self._session.order("disarm", monotonic_ns())
+        self._session.order("disarm", self._link.now_ns())
         self._conductor.until(lambda: self._session.at_rest, REST_S)
         self._link.__exit__()
 
@@ -77,7 +76,7 @@ class RobotStage:
         self._be_charged()
         if session.misplaced():
             self._go_home()
-        session.seed(msgspec.structs.replace(cloud, mission=f"{cloud.mission}-{monotonic_ns() // 10**6 % 10**6}"))
+        session.seed(msgspec.structs.replace(cloud, mission=f"{cloud.mission}-{self._link.now_ns() // 10**6 % 10**6}"))
         # the recorder's start takes longer than robots with power bear without a heartbeat
         self._until(lambda: session.phase == "ready", READY_S, "not ready")
         why = ""
@@ -92,21 +91,23 @@ class RobotStage:
             if not self._conductor.until(lambda: session.phase in ENDED, self._experiment.timeout_s):
                 left = trial.targets - len(session.occupied)
                 why = f"{left} of {trial.targets} targets left after {self._experiment.timeout_s:g} s"
-                session.order("disarm", monotonic_ns())
+                session.order("disarm", self._link.now_ns())
             elif session.phase != "completed":
                 why = f"{session.phase}: {session.detail}"
             self._conductor.until(lambda: session.at_rest, REST_S)
         return judged(trial, folder, why)
 
     def _order(self, order: str, phase: str) -> None:
-        self._session.order(order, monotonic_ns())  # type: ignore[arg-type]
+        self._session.order(order, self._link.now_ns())  # type: ignore[arg-type]
         self._until(lambda: self._session.phase in (phase, *ENDED), READY_S, f"{order} not obeyed")
         if order == "arm" and self._session.phase in ENDED:
             raise NotReady(f"not armed: {self._session.phase}, {self._session.detail}")
 
     def _go_home(self) -> None:
-        self._until(lambda: not self._session.lacking(monotonic_ns(), connected=False), READY_S, "not ready to go home")
-        self._session.order("home", monotonic_ns())
+        self._until(
+            lambda: not self._session.lacking(self._link.now_ns(), connected=False), READY_S, "not ready to go home"
+        )
+        self._session.order("home", self._link.now_ns())
         self._until(lambda: self._session.phase != "homing", timeout_s(self._arena) + HOME_MORE_S, "not home")
         if away := self._session.misplaced():
             raise NotReady(f"{self._session.detail}; {'; '.join(away)}")
@@ -114,8 +115,8 @@ class RobotStage:
     def _be_released(self) -> None:
         """After a mission's end by itself, ready anew; after a stop, only an operator may release."""
         session = self._session
-        if session.phase in ("completed", "failed") and session.heartbeat(monotonic_ns()).order == "disarm":
-            session.order("disarm", monotonic_ns())
+        if session.phase in ("completed", "failed") and session.heartbeat(self._link.now_ns()).order == "disarm":
+            session.order("disarm", self._link.now_ns())
         self._wait(
             lambda: session.phase not in ENDED, lambda: f"{session.phase}: {session.detail}; release it to go on"
         )

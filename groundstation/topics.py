@@ -15,6 +15,7 @@ from contract.network import QOS, Qos
 
 EXAMPLE = Keys("site")
 ROBOT, SOURCE = "ROBOT", "SOURCE"
+OF_SOURCES = ("log", "clock_ask", "clock_tell")
 _PLACES = {"robot0": ROBOT, "source0": SOURCE}
 
 
@@ -31,7 +32,7 @@ def topics() -> Iterator[Topic]:
     """Every topic of the kit, in the order of the quality-of-service table."""
     for channel, qos in QOS.items():
         member = getattr(EXAMPLE, channel)
-        key: str = member if isinstance(member, str) else member("source0" if channel == "log" else "robot0")
+        key: str = member if isinstance(member, str) else member("source0" if channel in OF_SOURCES else "robot0")
         kind = EXAMPLE.kind(key)
         assert kind is not None
         for name, place in _PLACES.items():
@@ -49,8 +50,8 @@ def page() -> str:
         "Every process is a client of one router. A topic is a Zenoh key; the same key is the channel's topic in a",
         "recording, where the payload bytes stand unchanged with the message's JSON Schema (`json` + `jsonschema`).",
         "`SITE` is `arena.name` of the arena file, `ROBOT` a robot's id, `SOURCE` a program. Units stand in the field",
-        "names; times `*_ns` are nanoseconds of site time, the monotonic clock of the router's host. Fields at their",
-        "default are left off the wire.",
+        "names; times `*_ns` are nanoseconds of site time, the monotonic clock of the bridge's computer. Fields at",
+        "their default are left off the wire.",
         "",
         "| topic | message | priority | congestion | reliability | express |",
         "|---|---|---|---|---|---|",

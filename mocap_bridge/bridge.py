@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 import zenoh
+from msgspec.structs import replace
 
 from contract.arena import Arena
 from contract.codec import encode
@@ -12,6 +13,7 @@ from contract.messages import LogEntry, MocapHealth
 from mocap_bridge.network import publisher
 from mocap_bridge.pipeline import Pipeline
 from mocap_bridge.sources.base import Source
+from mocap_bridge.timekeeper import Timekeeper
 
 HEALTH_NS = 1_000_000_000
 LOOK_NS = 20_000_000
@@ -29,6 +31,7 @@ class Bridge:
         self._frames = publisher(session, keys.mocap_frame, "mocap_frame")
         self._health = publisher(session, keys.mocap_health, "mocap_health")
         self._log = publisher(session, keys.log(NAME), "log")
+        self._timekeeper = Timekeeper(keys, session)
         self._token = session.liveliness().declare_token(keys.presence(NAME))
         self.pipeline = Pipeline(arena, time.monotonic_ns() // 1_000_000, allow_edited)
         self._state = ""
@@ -56,6 +59,9 @@ class Bridge:
         if state == self._state and now_ns < self._health_due_ns:
             return
         health = self.pipeline.report(status, now_ns)
+        if refused := self._timekeeper.counters:
+            questions = {f"clock_{name}": count for name, count in refused.items()}
+            health = replace(health, counters=health.counters | questions)
         self._health.put(encode(health))
         if state != self._state:
             self._log.put(encode(log_of(health)))

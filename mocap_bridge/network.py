@@ -1,11 +1,15 @@
 """The bridge's Zenoh session: without keys the router of the network when its address is this host's."""
 
+import os
+import signal
 import socket
 
-import zenoh
-
-from contract import joining, network
+from contract import network
 from contract.exposure import host_of
+
+os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
+
+import zenoh
 
 
 def is_local(endpoint: str) -> bool:
@@ -28,11 +32,23 @@ def open_session(endpoint: str, identity: network.Identity | None = None) -> zen
         settings = network.router_config(endpoint)
     else:
         settings = network.client_config(endpoint, identity=identity)
-    session: zenoh.Session = joining.open_session(settings)
-    return session
+    config = zenoh.Config()
+    for key, value in settings:
+        config.insert_json5(key, value)
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+    try:
+        return zenoh.open(config)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def publisher(session: zenoh.Session, key: str, channel: str) -> zenoh.Publisher:
     """A publisher with the quality of service of a channel of :data:`contract.network.QOS`."""
-    made: zenoh.Publisher = joining.publisher(session, key, channel)
-    return made
+    qos = network.QOS[channel]
+    return session.declare_publisher(
+        key,
+        priority=getattr(zenoh.Priority, qos.priority),
+        congestion_control=getattr(zenoh.CongestionControl, qos.congestion),
+        reliability=getattr(zenoh.Reliability, qos.reliability),
+        express=qos.express,
+    )

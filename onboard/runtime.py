@@ -19,7 +19,6 @@ from contract import network
 from contract.arena import Arena, digest, load, robot_or_fault
 from contract.codec import WireError, encode
 from contract.exposure import exposure
-from contract.joining import open_session, publisher
 from contract.keys import Keys
 from contract.messages import LogEntry
 from drivers.base import WheelSpeeds
@@ -31,7 +30,9 @@ from onboard.checkup import checkup, findings
 from onboard.computer import snapshot
 from onboard.inbox import Inbox, read
 from onboard.journal import JournalledAgent
+from onboard.network import open_session, publisher
 from onboard.service import Service, lock_memory, quiet
+from onboard.site_time import SiteTime
 
 TICK_NS = 18_000_000
 HOUSEKEEPING_NS = 4_000_000
@@ -52,6 +53,7 @@ class Runtime:
 
     def __init__(self, arena: Arena, robot: str, agent: Agent, driver: GatedDrive) -> None:
         self._keys = Keys(arena.arena.name)
+        self._tolerance_ns = round(arena.safety.clock_tolerance_s * 1e9)
         self._robot = robot
         self._agent = agent
         self._urgency = subscriptions(arena)
@@ -67,6 +69,7 @@ class Runtime:
         self._counted_ns = 0
         self._poll = select.poll()
         self._service = Service()
+        self._time: SiteTime
 
     def run(self) -> int:
         """Until SIGTERM or SIGINT; wheels at zero and disabled on every way out."""
@@ -80,9 +83,14 @@ class Runtime:
             print("\n".join(findings(checkup(snapshot()))), file=sys.stderr, flush=True)
         self._service.waiting(f"waits for the router at {self._arena.link.router}")
         with open_session(settings) as session:
+            self._time = SiteTime(session, self._keys, self._robot, self._tolerance_ns)
+            self._service.waiting("waits for the site's time, which the motion-capture bridge tells")
+            self._time.wait(lambda: self._stopping)
+            if self._stopping:
+                return 0
             try:
                 self._join(session, zenoh)
-                self._wheels.open(time.monotonic_ns())
+                self._wheels.open(self._time.now_ns())
                 quiet()
                 if self._service.managed and not lock_memory():
                     print(f"{self._robot}: memory is not locked (LimitMEMLOCK); go on", file=sys.stderr, flush=True)
@@ -91,7 +99,10 @@ class Runtime:
                 self._loop()
             finally:
                 self._service.stopping()
-                self._wheels.shut(time.monotonic_ns())
+                self._wheels.shut(self._time.now_ns())
+        if self._time.clock.lost:
+            print(f"{self._robot}: the site keeps another time than before; to be started anew", file=sys.stderr)
+            return 1
         return 0
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -119,13 +130,13 @@ class Runtime:
         ran_ns = 0
         housekeeping_ns = 0
         pause_ns = min(HOUSEKEEPING_NS, int(HOUSEKEEPING_SHARE * self._arena.control.control_period_s * 1e9))
-        while not self._stopping:
-            now_ns = time.monotonic_ns()
+        while not (self._stopping or self._time.clock.lost):
+            now_ns = self._time.now_ns()
             wake_ns = ran_ns + TICK_NS
             if housekeeping_ns:
                 wake_ns = min(wake_ns, housekeeping_ns)
             woken = self._poll.poll(max(0, wake_ns - now_ns) / 1e6)
-            now_ns = time.monotonic_ns()
+            now_ns = self._time.now_ns()
             due = urgent = False
             if woken:
                 due, urgent = self._receive(now_ns)
@@ -142,6 +153,9 @@ class Runtime:
         """(a control step is due, a stop or an order arrived)"""
         due = urgent = False
         for key, payload in self._inbox.take():
+            if key == self._keys.mocap_frame and not self._time.sure:
+                self._agent.refuse("frame while unsure of the site's time")
+                continue
             due = self._take(key, payload, now_ns) or due
             urgent = urgent or self._urgency[key] < 2
         return due, urgent
@@ -165,16 +179,17 @@ class Runtime:
 
     def _apply(self, drive: Drive, stepped: bool) -> None:
         speeds = WheelSpeeds(drive.left_radps, drive.right_radps)
-        wrote = self._wheels.drive(drive.enable, speeds, time.monotonic_ns())
+        wrote = self._wheels.drive(drive.enable, speeds, self._time.now_ns())
         if stepped and wrote:
-            self._agent.wrote(time.monotonic_ns())
+            self._agent.wrote(self._time.now_ns())
 
     def _keep_house(self, now_ns: int) -> None:
         if self._service.managed and (why := self._service.beat(self._agent.vitals, now_ns)):
             self._log("error", "watchdog", f"{why}: this process is to be started anew, disarmed", now_ns)
+        self._time.turn()
         self._listen(now_ns)
-        self._wheels.listen(time.monotonic_ns())
-        self._wheels.ask(time.monotonic_ns())
+        self._wheels.listen(self._time.now_ns())
+        self._wheels.ask(self._time.now_ns())
         state = self._agent.run_state
         if state == "disarmed":
             self._wheels.open(now_ns, again=self._state != "disarmed")

@@ -43,7 +43,7 @@ class Running:
         except BaseException:
             self.rig.end()
             raise
-        self.session = new_session(self.arena, cloud, Plan(automatic=True, timeout_s=120.0))
+        self.session = new_session(self.arena, cloud, Plan(automatic=True, timeout_s=120.0), self.link)
         self.conductor = Conductor(self.arena, self.session, cloud, self.link)
         self.watcher = Link(self.arena, "watcher").__enter__()
         keys = self.watcher.keys

@@ -1,5 +1,6 @@
 """What the station does not let in, for every kind of message that it hears."""
 
+import time
 from collections.abc import Iterable
 
 import msgspec
@@ -149,6 +150,11 @@ class Wire:
         self.arrived: list[Message] = []
         self.said: list[Message] = []
 
+    epoch = 0
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
     def subscribe(self, keys: Iterable[str]) -> None:
         assert all(map(self.keys.kind, keys))
 
@@ -163,7 +169,7 @@ class Wire:
 def test_a_station_lets_nothing_replayed_reach_its_session_and_says_so() -> None:
     """What a recording of an earlier session holds, handed in again: orders nobody, changes nothing, is in the log."""
     cloud, wire = TargetCloud(mission="m", targets=()), Wire()
-    conductor = Conductor(ARENA, new_session(ARENA, cloud, Plan()), cloud, wire)  # type: ignore[arg-type]
+    conductor = Conductor(ARENA, new_session(ARENA, cloud, Plan(), wire), cloud, wire)  # type: ignore[arg-type]
     conductor.turn()
     beat = next(message for message in wire.said if isinstance(message, StationHeartbeat))
     order = OrderRequest(stamp_ns=NOW_NS, source="x", number=7, order="repeat", station=beat.boot + 1)
@@ -176,6 +182,6 @@ def test_a_station_lets_nothing_replayed_reach_its_session_and_says_so() -> None
     while not logs:
         conductor.turn()
         logs = [message for message in wire.said if isinstance(message, LogEntry)]
-    assert conductor.session.cloud.mission == "m.2", "an order for this session is obeyed"
+    assert conductor.session.cloud.mission == "m.2", "an order for the session itself is obeyed"
     assert logs[0].fields == {"report replayed": 1, "order for another session": 1}
     assert logs[0].text == "order for another session 1, report replayed 1"

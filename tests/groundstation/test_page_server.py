@@ -5,6 +5,7 @@ import contextlib
 import json
 import socket
 import threading
+import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,6 +38,9 @@ class Wire:
         self.arrived: list[tuple[Message, int]] = []
         self.present: set[str] = set()
         self.changed = threading.Condition()
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
 
     def publish(self, key: str, message: Message, channel: str) -> None:
         with self.changed:

@@ -41,11 +41,12 @@ SPELLED = re.compile(rf"({'|'.join(ROOMS)})(\.[a-z_]+)+")
 STATION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["station"]
 STATION_ONLY = {Requirement(text).name for text in STATION}
 SHELLS = (
-    "contract/joining.py",
     "onboard/computer.py",
     "onboard/jitter.py",
+    "onboard/network.py",
     "onboard/runtime.py",
     "onboard/service.py",
+    "onboard/site_time.py",
     "drivers/can/bus.py",
     "drivers/serial/port.py",
     "drivers/verbs/*.py",
@@ -54,6 +55,7 @@ SHELLS = (
     "mocap_bridge/mock/udp.py",
     "mocap_bridge/network.py",
     "mocap_bridge/sources/*.py",
+    "mocap_bridge/timekeeper.py",
     "mocap_bridge/verbs/*.py",
     "groundstation/conduct.py",
     "groundstation/demo.py",
@@ -74,9 +76,9 @@ SHELLS = (
     "groundstation/link.py",
     "groundstation/mock_arena.py",
     "groundstation/netns.py",
+    "groundstation/network.py",
     "groundstation/orders.py",
     "groundstation/page_client.py",
-    "groundstation/page_intake.py",
     "groundstation/page_live.py",
     "groundstation/page_server.py",
     "groundstation/page_web.py",
@@ -90,8 +92,8 @@ SHELLS = (
     "groundstation/rig.py",
     "groundstation/router.py",
     "groundstation/runwriter.py",
+    "groundstation/seeding.py",
     "groundstation/simulate.py",
-    "groundstation/stage_robots.py",
     "groundstation/sweep.py",
     "groundstation/watch.py",
 )

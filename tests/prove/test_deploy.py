@@ -190,7 +190,7 @@ def test_a_mission_over_quic_and_mutual_tls_and_no_deployment_meanwhile(site: Si
     cloud = cloud_of(arena, "container")
     refused: list[tuple[int, str]] = []
     with Link(arena, "station") as link:
-        session = new_session(arena, cloud, Plan(automatic=True, timeout_s=300.0))
+        session = new_session(arena, cloud, Plan(automatic=True, timeout_s=300.0), link)
         conductor = Conductor(arena, session, cloud, link)
         assert conductor.until(lambda: session.phase == "running", 60.0), session.detail
         ssh = [f"--ssh={word}" for word in site.computer.ssh]

@@ -58,8 +58,8 @@ SEEN = """([whole, touch]) => {
     "cut off": shown(whole).filter(cut).map(name),
   };
 }"""
-WHOLE = """#run b, #run small, #cell b, #cell span, #cell p, #net p, #progress p, #time p, .row .title, .row .does, .row .id,
-  .row .value, #actions button, #stop b, #stop small, .tools button, #checks li, #release-form button"""
+WHOLE = """#run b, #run small, #cell b, #cell span, #cell p, #net p, #progress p, #time p, .row .title, .row .does,
+  .row .id,  .row .value, #actions button, #stop b, #stop small, .tools button, #checks li, #release-form button"""
 
 
 class Tab(NamedTuple):

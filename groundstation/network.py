@@ -1,7 +1,4 @@
-"""How a process joins the network: one session of given settings, and publishers by channel. Every room's way in.
-
-The one file of ``contract`` that touches the world. Zenoh is imported when a session is opened, not before.
-"""
+"""How a process of this room joins the network: a session of given settings, publishers of given channels."""
 
 import os
 import signal
@@ -13,8 +10,7 @@ from contract import network
 def open_session(settings: network.Settings) -> Any:
     """A ``zenoh.Session``; use it in a ``with`` block, else a forgotten callback hangs the exit.
 
-    SIGTERM and SIGINT are masked meanwhile: the threads that Zenoh starts inherit that, and so never take a signal
-    that is meant for the loop.
+    SIGTERM and SIGINT are masked meanwhile: Zenoh's threads inherit that, and never take a signal meant for the loop.
 
     :raises zenoh.ZError: no router answers, an address is taken, or a certificate is of no use.
     """
