@@ -1,7 +1,6 @@
-"""Home and repeat from another terminal, in a mock arena of processes; every run in a folder of its own."""
+"""Home, repeat and seed from another terminal, in a mock arena of processes; every run in a folder of its own."""
 
 import math
-import time
 from pathlib import Path
 
 from groundstation.runfolder import read
@@ -26,11 +25,16 @@ def test_a_mission_home_and_the_mission_again(tmp_path: Path) -> None:
         assert again.returncode == 0
         assert two.session.cloud.mission == "test.2"
         two.until(lambda: two.session.phase == "ready", "ready")
-        two.session.order("arm", time.monotonic_ns())
+        two.session.order("arm", two.link.now_ns())
         two.until(lambda: two.session.phase == "armed", "armed")
-        two.session.order("run", time.monotonic_ns())
+        two.session.order("run", two.link.now_ns())
         two.until(lambda: two.session.phase == "completed", "the second mission completed")
         two.until(lambda: two.session.at_rest, "all at rest")
+        two.session.order("disarm", two.link.now_ns())
+        seed = two.command("seed", "--points", "1.2,1.2", "1.6,1.4", "--arena", str(two.rig.config))
+        two.until(lambda: seed.poll() is not None, "other targets")
+        assert seed.returncode == 0
+        assert [(target.x_m, target.y_m) for target in two.session.cloud.targets] == [(1.2, 1.2), (1.6, 1.4)]
     assert set(two.codes.values()) == {0}, two.codes
     for folder in (out, tmp_path / "lab-2"):
         run = read(folder)
