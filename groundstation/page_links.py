@@ -72,15 +72,15 @@ def _verdict(
     if len(pieces) > 1:
         smallest = min(pieces, key=len)
         return "SPLIT", f"{names(smallest, labels)} cut off, {len(pieces)} pieces"
+    if not doubtful:
+        return "Connected", ""
     sure = [i for i in range(n) if i not in doubtful]
     rest = frozenset((sure.index(i), sure.index(j)) for i, j in graph if i in sure and j in sure)
     islands = components(len(sure), rest)
     if len(islands) > 1:
         apart = [sure[i] for i in min(islands, key=len)]
         return "At risk", f"only {names(sorted(doubtful), labels)} joins {names(apart, labels)} to the rest"
-    if doubtful:
-        return "At risk", f"links of {names(sorted(doubtful), labels)} not verified"
-    return "Connected", ""
+    return "At risk", f"links of {names(sorted(doubtful), labels)} not verified"
 
 
 def _counts(kinds: Sequence[int], enforcing: bool) -> str:

@@ -194,8 +194,11 @@ class PageState(PageMemory):
         track = self._tracks[name]
         if len(track) < 2:
             return None
-        last = track[-1]
-        first = next(point for point in track if last[0] - point[0] <= SPEED_OVER_S * 1e9)
+        first = last = track[-1]
+        for point in reversed(track):
+            if last[0] - point[0] > SPEED_OVER_S * 1e9:
+                break
+            first = point
         gap_s = (last[0] - first[0]) / 1e9
         return math.dist(first[1:], last[1:]) / gap_s if gap_s > 0 else None
 

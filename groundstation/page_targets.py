@@ -36,8 +36,10 @@ class TargetBoard:
         if self.cloud is None:
             return ""
         if running and len(unseen := np.flatnonzero(~self._seen)):
-            ways = self._points[unseen, None] - np.array(running)[None]
-            near = (ways**2).sum(axis=2).min(axis=1) <= self._radius_m**2
+            places = np.array(running)
+            ways_x = self._points[unseen, 0, None] - places[:, 0]
+            ways_y = self._points[unseen, 1, None] - places[:, 1]
+            near = (ways_x**2 + ways_y**2).min(axis=1) <= self._radius_m**2
             self._seen[unseen[near]] = True
         letters = ["s" if seen else "o" for seen in self._seen.tolist()]
         for k in self.done:
