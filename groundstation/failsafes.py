@@ -147,7 +147,7 @@ STATION_FAILSAFES: tuple[StationFailsafe, ...] = (
         "stop",
         True,
         _NEXT,
-        "synchronise the clocks, then release and arm again",
+        "start its agent anew: it asks for the time again; then release and arm",
         _ahead,
     ),
     StationFailsafe(

@@ -175,7 +175,7 @@ def _battery(arena: Arena, report: RobotReport) -> Complaint | None:
 
 
 def _clock(heard: Heard) -> Complaint | None:
-    do = "Check the clock synchronisation of robot and station"
+    do = "Look at its network: what comes late makes the site's time uncertain"
     if heard.ahead_s > CLOCK_S:
         why = "Its reports are stamped in the future"
         return Complaint("caution", "Clock ahead", seconds(heard.ahead_s), f"limit {CLOCK_S:g} s", why, "", do)
