@@ -1,5 +1,9 @@
-"""Robots, session and terminal on computers switched on on other days: every clock is another, site time is one."""
+"""Robots, session and terminal on computers switched on on other days: every clock is another, site time is one.
 
+At the end the bridge moves to another computer, and with it the time: robots end, to be started anew.
+"""
+
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -83,3 +87,14 @@ def test_a_mission_of_computers_with_clocks_of_their_own(tmp_path: Path) -> None
             assert moved == set(arena.robots)
             assert not [name for report in reports.values() for name in report.counters if "time" in name]
             scattered.terminal("stop")
+        robots = [child for child in scattered.family.children if child.name in arena.robots]
+        assert [child.code for child in robots] == [None, None]
+        bridge = next(child for child in scattered.family.children if child.name == "bridge")
+        bridge.signal(signal.SIGKILL)
+        assert bridge.wait(10.0)
+        scattered.family.forget("bridge")
+        scattered.other_day("bridge", "mocap_bridge", "run", "--arena", str(scattered.config))
+        for child in robots:
+            assert child.wait(60.0), child.last_words()
+            assert child.code == 1
+            assert "the site keeps another time than before; to be started anew" in child.last_words()
