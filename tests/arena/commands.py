@@ -153,9 +153,7 @@ BESIDE: dict[str, Way] = {
     "ahdc-groundstation stop": Way("ahdc-groundstation stop"),
     "ahdc-groundstation stop --arena FILE": Way("ahdc-groundstation stop --arena lab.toml"),
     "ahdc-groundstation release": Way("ahdc-groundstation release"),
-    "seed --points X,Y...": Way(
-        "ahdc-groundstation seed --points 1.2,1.2 1.6,1.4", "targets change only while disarmed"
-    ),
+    "seed --points X,Y...": Way("ahdc-groundstation seed --points 1.2,1.2 1.6,1.4"),
     "exclude ROBOT...": Way("ahdc-groundstation exclude r08"),
     "ahdc-groundstation exclude r09": Way("ahdc-groundstation exclude r08"),
     "readmit ROBOT...": Way("ahdc-groundstation readmit r08"),
