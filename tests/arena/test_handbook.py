@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.arena.commands import ELSEWHERE, OF_THE_MACHINE, documented, unaccounted
+from tests.arena.commands import ELSEWHERE, documented, unaccounted
 from tests.arena.handbook import FOLDER, PAGES, QUICK, Reader, blocks
 from tests.house.checkout import ROOT
 
@@ -34,7 +34,6 @@ def test_every_command_of_every_page_is_run_by_a_test() -> None:
     commands = documented()
     assert len(commands) > 120
     assert unaccounted(commands) == []
-    assert set(OF_THE_MACHINE) <= set(commands)
 
 
 def test_a_command_that_no_test_runs_is_found() -> None:

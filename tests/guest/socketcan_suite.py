@@ -25,11 +25,14 @@ from drivers.can.slcan_text import SlcanReader
 from drivers.mock.host import EmulatedWheels
 from drivers.registry import open_robot
 from tests.drivers.benches import ROBOT, arena_of
+from tests.house.checkout import ROOT
 
 KINDS = ("odrive", "vesc", "cia402")
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910
 """On the tty of an slcan line discipline: the name of its interface."""
+BIT_RATE = "ip link set can0 up type can bitrate 500000"
+"""As the page on drivers has it."""
 
 
 def ip(*words: str) -> None:
@@ -228,7 +231,7 @@ def test_foreign_traffic_is_counted_and_turns_nothing(bench: KernelBench, vcan: 
 class KernelAdapter:
     """A pty whose slave carries the kernel's slcan line discipline; the test is the adapter."""
 
-    def __init__(self) -> None:
+    def __init__(self, up: bool = True) -> None:
         self.master, self.slave = os.openpty()
         settings = termios.tcgetattr(self.slave)
         settings[0] = settings[1] = settings[3] = 0
@@ -236,7 +239,8 @@ class KernelAdapter:
         os.set_blocking(self.master, False)
         fcntl.ioctl(self.slave, termios.TIOCSETD, struct.pack("i", N_SLCAN))
         self.name = fcntl.ioctl(self.slave, SIOCGIFNAME, bytes(40)).split(b"\0")[0].decode()
-        ip("set", self.name, "up")
+        if up:
+            ip("set", self.name, "up")
 
     def says(self, line: bytes) -> None:
         os.write(self.master, line)
@@ -273,6 +277,21 @@ def port(adapter: KernelAdapter) -> Iterator[BusPort]:
 def received(port: BusPort) -> list[CanFrame]:
     port.wait(5.0)
     return port.receive()
+
+
+def test_an_interface_gets_its_bit_rate_as_the_page_has_it() -> None:
+    """S6 is 500 kbit/s, O opens the channel (LAWICEL CAN232 manual)."""
+    adapter = KernelAdapter(up=False)
+    command = BIT_RATE.replace("can0", adapter.name).split()
+    assert BIT_RATE in (ROOT / "docs/drivers.md").read_text()
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as setting:
+        said = b""
+        while b"O\r" not in said:
+            assert select.select([adapter.master], [], [], 10.0)[0], said
+            said += os.read(adapter.master, 64)
+        assert setting.wait(10.0) == 0, setting.communicate()[1]
+    assert said.split(b"\r")[-3:] == [b"S6", b"O", b""]
+    adapter.close()
 
 
 def test_frames_cross_the_kernels_slcan_both_ways(adapter: KernelAdapter, port: BusPort) -> None:
