@@ -82,11 +82,11 @@ def test_a_killed_robot_process_neither_moves_nor_rearms(one: Running) -> None:
     assert not alive(child.pid)
     one.rig.family.children.remove(child)
     child.close()
-    one.session.reports.clear()
+    killed = one.reports["r06"].boot
     again = one.rig.start_robot("r06")
     one.session.order("disarm", 0)
     one.drop_samples()
-    one.until(lambda: again.ready and "r06" in one.reports, "r06 reports again")
+    one.until(lambda: again.ready and one.reports["r06"].boot != killed, "r06 reports again")
     assert one.reports["r06"].run == "disarmed"
     assert all(is_zero(sample) and not sample.enabled for sample in one.samples["r06"])
 
