@@ -69,28 +69,29 @@ class Conductor:
         """Take what has arrived, publish what is due, and wait at most until the next heartbeat."""
         if self._epoch != self._link.epoch:
             self._epoch, self._door = self._link.epoch, Doorkeeper(self._door.boot)
+            self._refused = 0
         for _, message in self._link.drain():
             if not self._door.lets(message):
                 continue
             self.session.receive(message, self._link.now_ns())
             if self.listener is not None:
                 self.listener(message, time.monotonic())
-        now_ns = self._link.now_ns()
-        if self._take("disk", DISK_NS, now_ns) and self._folder is not None:
+        now_ns, local_ns = self._link.now_ns(), time.monotonic_ns()
+        if self._take("disk", DISK_NS, local_ns) and self._folder is not None:
             self.session.disk_free_mb = shutil.disk_usage(self._folder).free / 1e6
-        if self._take("refused", REFUSED_NS, now_ns):
+        if self._take("refused", REFUSED_NS, local_ns):
             self._tell_refused(now_ns)
-        if self._take("heartbeat", HEARTBEAT_NS, now_ns):
+        if self._take("heartbeat", HEARTBEAT_NS, local_ns):
             self.session.advance(now_ns)
             self._note_overrides(now_ns)
             beat = self.session.heartbeat(now_ns)
             self._door.boot = beat.boot
             self._link.publish(self._link.keys.heartbeat, beat, "heartbeat")
         if self.session.cloud is not self._told:
-            self._told, self._due["targets"] = self.session.cloud, now_ns
-        if self._take("targets", CLOUD_NS, now_ns):
+            self._told, self._due["targets"] = self.session.cloud, local_ns
+        if self._take("targets", CLOUD_NS, local_ns):
             self._link.publish(self._link.keys.targets, self.session.cloud, "targets")
-        if self._take("status", STATUS_NS, now_ns):
+        if self._take("status", STATUS_NS, local_ns):
             status = self.session.status(now_ns)
             self._link.publish(self._link.keys.status, status, "status")
             if self._notebook is not None:
@@ -98,7 +99,7 @@ class Conductor:
                 self._notebook.write(session.cloud, session.started_ns, session.phase == "completed", now_ns)
             if self.listener is not None:
                 self.listener(status, time.monotonic())
-        time.sleep(max(0.0, (min(self._due.values()) - self._link.now_ns()) / 1e9))
+        time.sleep(max(0.0, (min(self._due.values()) - time.monotonic_ns()) / 1e9))
 
     def until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Turn until ``done`` or the time is up; whether it was done."""
@@ -134,11 +135,12 @@ class Conductor:
             )
             self._link.publish(self._link.keys.log("station"), entry, "log")
 
-    def _take(self, what: str, period_ns: int, now_ns: int) -> bool:
-        if now_ns < self._due[what]:
+    def _take(self, what: str, period_ns: int, local_ns: int) -> bool:
+        """Whether it is due by this computer's own clock: site time may become another."""
+        if local_ns < self._due[what]:
             return False
-        late = now_ns - self._due[what] > period_ns
-        self._due[what] = now_ns + period_ns if late else self._due[what] + period_ns
+        late = local_ns - self._due[what] > period_ns
+        self._due[what] = local_ns + period_ns if late else self._due[what] + period_ns
         return True
 
 

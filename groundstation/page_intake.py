@@ -1,6 +1,7 @@
 """What the arena page hears: the newest message of every key, and every STOP and log line."""
 
 import contextlib
+import time
 from collections import deque
 from typing import Any
 
@@ -35,7 +36,7 @@ class Intake(Link):
         (self.present.discard if str(sample.kind).endswith("DELETE") else self.present.add)(source)
 
     def _store(self, sample: Any) -> None:
-        key, payload, now_ns = str(sample.key_expr), sample.payload.to_bytes(), self.stamp_ns()
+        key, payload, now_ns = str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns()
         if key == self.keys.stop or "/log/" in key:
             self._lines.append((key, payload, now_ns))
         else:

@@ -23,11 +23,15 @@ ASK_AGAIN_NS = 200_000_000
 
 
 class Page:
-    """The page's clients, its state, and what it asks of the station."""
+    """The page's clients, its state, and what it asks of the station.
+
+    Ages and repetitions go by this computer's own clock, which never jumps; site time is for stamps alone.
+    """
 
     def __init__(self, arena: Arena, link: Intake, token: str) -> None:
         self.arena = arena
-        self.state = PageState(arena, link.now_ns())
+        self.state = PageState(arena, time.monotonic_ns())
+        link.now_ns()  # the first call waits: before anybody is served
         self.clients: set[Client] = set()
         self._link = link
         self._token = token
@@ -39,7 +43,7 @@ class Page:
 
     def stop(self, stop_id: object, source: object) -> int:
         """Send STOP before anything else; returns its number."""
-        now_ns = self._link.now_ns()
+        now_ns = time.monotonic_ns()
         number = stop_id if type(stop_id) is int and 0 < stop_id < 1 << 53 else time.time_ns() // 1_000_000
         words = source if isinstance(source, str) and 0 < len(source) <= 40 else "the page"
         pressed = self.state.latch.pressed
@@ -50,13 +54,14 @@ class Page:
         return number
 
     def _publish_stop(self, request: StopRequest) -> None:
-        self._link.publish(self._link.keys.stop, request, "stop")
+        stamped = msgspec.structs.replace(request, stamp_ns=self._link.stamp_ns())
+        self._link.publish(self._link.keys.stop, stamped, "stop")
 
     # --- the other orders ---------------------------------------------------------------------------
 
     def act(self, message: dict[str, Any]) -> str:
         """Do what a browser asks; '' if it is under way, else why not."""
-        now_ns = self._link.now_ns()
+        now_ns = time.monotonic_ns()
         number = time.time_ns() // 1_000_000
         match message.get("do"):
             case "order":
@@ -110,7 +115,8 @@ class Page:
             case StopRequest():
                 self._publish_stop(request)
             case OrderRequest():
-                self._link.publish(keys.order, request, "order")
+                stamped = msgspec.structs.replace(request, stamp_ns=self._link.stamp_ns())
+                self._link.publish(keys.order, stamped, "order")
             case TargetCloud():
                 self._link.publish(keys.seed, request, "seed")
 
@@ -120,7 +126,7 @@ class Page:
         """20 views a second; while a STOP waits for answers the network is read every 10 ms."""
         view_due = time.monotonic()
         while True:
-            self.turn(self._link.now_ns())
+            self.turn(time.monotonic_ns())
             now = time.monotonic()
             if now >= view_due:
                 view_due = view_due + VIEW_S if now - view_due < VIEW_S else now + VIEW_S
@@ -131,6 +137,7 @@ class Page:
 
     def turn(self, now_ns: int) -> None:
         """Take what has arrived, send what is due."""
+        self.state.site_ahead_ns = self._link.now_ns() - time.monotonic_ns()
         for message, arrival_ns in self._link.take():
             self.state.receive(message, arrival_ns)
         self.state.attend(self._link.present, now_ns)
@@ -154,9 +161,9 @@ class Page:
 
     def _show(self) -> None:
         if not self.clients:
-            self.state.network(self._link.now_ns())
+            self.state.network(time.monotonic_ns())
             return
-        view = msgspec.json.encode(self.view(self._link.now_ns()))
+        view = msgspec.json.encode(self.view(time.monotonic_ns()))
         shown = self.shown()
         for client in self.clients:
             if client.cloud_version != shown.cloud_version:

@@ -32,6 +32,8 @@ class PageState(PageMemory):
     def __init__(self, arena: Arena, now_ns: int) -> None:
         super().__init__(arena, now_ns)
         self._cautions: dict[str, tuple[str, int]] = {}
+        self.site_ahead_ns = 0
+        """Of the clock by which messages arrive."""
 
     def layout(self) -> dict[str, Any]:
         """What does not change while the page is open, and what has been so far."""
@@ -143,7 +145,7 @@ class PageState(PageMemory):
         for name in self._names:
             entry = self._reports.get(name)
             report, arrival_ns = entry if entry else (None, 0)
-            ahead_s = (report.stamp_ns - arrival_ns) / 1e9 if report else 0.0
+            ahead_s = (report.stamp_ns - arrival_ns - self.site_ahead_ns) / 1e9 if report else 0.0
             age_s, frame_age_s = self.report_age_s(name, now_ns), self.frame_age_s(now_ns)
             trouble = complaint(self.arena, name, Heard(report, age_s, self._bodies.get(name), frame_age_s, ahead_s))
             if trouble is None:

@@ -151,9 +151,10 @@ class Wire:
         self.said: list[Message] = []
 
     epoch = 0
+    behind_ns = 0
 
     def now_ns(self) -> int:
-        return time.monotonic_ns()
+        return time.monotonic_ns() - self.behind_ns
 
     def subscribe(self, keys: Iterable[str]) -> None:
         assert all(map(self.keys.kind, keys))
@@ -185,3 +186,17 @@ def test_a_station_lets_nothing_replayed_reach_its_session_and_says_so() -> None
     assert conductor.session.cloud.mission == "m.2", "an order for the session itself is obeyed"
     assert logs[0].fields == {"report replayed": 1, "order for another session": 1}
     assert logs[0].text == "order for another session 1, report replayed 1"
+
+
+def test_heartbeats_go_on_when_the_site_keeps_an_earlier_time_than_before() -> None:
+    """The bridge's computer was started anew, or told the time only now: no beat may wait for the old time to come."""
+    cloud, wire = TargetCloud(mission="m", targets=()), Wire()
+    conductor = Conductor(ARENA, new_session(ARENA, cloud, Plan(), wire), cloud, wire)  # type: ignore[arg-type]
+    conductor.turn()
+    wire.behind_ns, wire.epoch = time.monotonic_ns() - 1, 1
+    wire.said.clear()
+    for _ in range(3):
+        conductor.turn()
+    beats = [message for message in wire.said if isinstance(message, StationHeartbeat)]
+    assert beats
+    assert all(beat.stamp_ns < 10**12 for beat in beats)

@@ -42,6 +42,8 @@ class Wire:
     def now_ns(self) -> int:
         return time.monotonic_ns()
 
+    stamp_ns = now_ns
+
     def publish(self, key: str, message: Message, channel: str) -> None:
         with self.changed:
             self.sent.append((key, message))

@@ -415,3 +415,17 @@ def test_a_dropped_robot_is_no_part_of_the_network_and_no_alarm(arena: Arena) ->
     assert "dropped" in after["run"]["sub"]
     assert all(lost not in (names[i], names[j]) for i, j, _ in after["links"])
     assert after["can"]["drop"]
+
+
+@pytest.mark.parametrize(("known", "titles"), [(True, []), (False, ["Clock ahead"])])
+def test_a_page_on_another_computer_judges_a_robots_clock_by_the_sites(
+    arena: Arena, known: bool, titles: list[str]
+) -> None:
+    days_ns = 5 * 86_400 * 10**9
+    state = PageState(arena, 0)
+    state.site_ahead_ns = days_ns if known else 0
+    for second in (1, 3):
+        now_ns = second * 10**9
+        state.receive(report(arena, "r06", stamp_ns=days_ns + now_ns), now_ns)
+        found = state.complaints(now_ns)
+    assert [trouble.title for name, trouble in found.items() if name == "r06"] == titles

@@ -79,6 +79,7 @@ SHELLS = (
     "groundstation/network.py",
     "groundstation/orders.py",
     "groundstation/page_client.py",
+    "groundstation/page_intake.py",
     "groundstation/page_live.py",
     "groundstation/page_server.py",
     "groundstation/page_web.py",
