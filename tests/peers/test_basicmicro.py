@@ -97,5 +97,6 @@ def test_velocity_pid_survives_its_unusual_order(peer: Basicmicro) -> None:
 
 
 def test_encoders_can_be_set(peer: Basicmicro) -> None:
+    """The shaft may still run out of the test before and cross one count between the two commands."""
     assert peer.SetEncM1(ADDRESS, 123456)
-    assert peer.ReadEncM1(ADDRESS)[1] == 123456
+    assert abs(peer.ReadEncM1(ADDRESS)[1] - 123456) <= 1
