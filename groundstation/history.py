@@ -103,7 +103,7 @@ class History:
         self.cloud: TargetCloud | None = None
         self.occupations: dict[int, Occupation] = {}
         self.statuses: list[RunStatus] = []
-        """The first of each phase, in order."""
+        """One for every change of phase, in order."""
         self.newest: RunStatus | None = None
         self.logs: list[LogEntry] = []
         """Warnings and errors."""
@@ -265,19 +265,24 @@ class History:
         return positions
 
     def mission(self) -> Mission | None:
-        """The first mission of the recording; None when none was started.
+        """The mission of the recording; None when none was started.
 
-        From the moment of the start (stamp less elapsed time of the first ``running`` status) for the
-        time the ending status says; without an ending, to the newest status or frame.
+        From the moment of the start (stamp less elapsed time of the first ``running`` status) until the ending
+        status says, by the time elapsed since the last start. A mission that was stopped and started again has not
+        ended by that; what comes after the end does not change it. Without an ending, to the newest status or frame.
         """
-        running = next((status for status in self.statuses if status.phase == "running"), None)
-        if running is None:
+        start_ns = begun_ns = -1
+        ending: RunStatus | None = None
+        for status in self.statuses:
+            if status.phase == "running":
+                begun_ns = status.stamp_ns - round(status.elapsed_s * 1e9)
+                start_ns, ending = start_ns if start_ns >= 0 else begun_ns, None
+            elif status.phase in ENDINGS and start_ns >= 0 and ending is None:
+                ending = status
+        if start_ns < 0:
             return None
-        start_ns = running.stamp_ns - round(running.elapsed_s * 1e9)
-        later = self.statuses[self.statuses.index(running) :]
-        ending = next((status for status in later if status.phase in ENDINGS), None)
         if ending is not None:
-            return Mission(start_ns, start_ns + round(ending.elapsed_s * 1e9), ending.phase, ending.detail)
+            return Mission(start_ns, begun_ns + round(ending.elapsed_s * 1e9), ending.phase, ending.detail)
         assert self.newest is not None
         end_ns = max(self.newest.stamp_ns, self._exposure_ns[-1] if self._exposure_ns else 0)
         return Mission(start_ns, end_ns, "")

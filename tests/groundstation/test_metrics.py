@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from contract.arena import Arena
 from contract.keys import Keys
-from contract.messages import NeighbourState, RobotReport, StopRequest, TargetCloud
+from contract.messages import NeighbourState, RobotReport, RunStatus, StopRequest, TargetCloud
 from groundstation import cli
 from groundstation.history import History
 from groundstation.metrics import Metrics, compute, encode, failures
@@ -53,6 +53,31 @@ def test_by_hand() -> None:
     assert robot.seconds == {"link": pytest.approx(0.5), "travel": pytest.approx(0.496)}
     assert (found.frames_dropped, found.frames_dropped_bridge) == (0, 0)
     assert failures(found) == []
+
+
+def test_a_mission_stopped_and_started_again_goes_on() -> None:
+    """From its first start to its last end; a stop after that changes nothing."""
+    arena = arena_of(robots=3, targets=2)
+    sent = mission(arena, frames=100)
+    running, completed = (
+        next(m for _, m, _ in sent if isinstance(m, RunStatus) and m.phase == phase)
+        for phase in ("running", "completed")
+    )
+
+    def later(status: RunStatus, seconds: float, **changes: object) -> Sent:
+        stamp_ns = START_NS + round(seconds * 1e9)
+        return Keys("made").status, replace(status, stamp_ns=stamp_ns, **changes), stamp_ns
+
+    stopped = later(running, 0.3, phase="stopped", elapsed_s=0.3, detail="r02 stopped")
+    again = later(running, 0.5, elapsed_s=0.1)
+    end = later(completed, 1.1, elapsed_s=0.6)
+    halted = later(running, 1.2, phase="stopped", elapsed_s=0.6)
+    rest = [entry for entry in sent if not isinstance(entry[1], RunStatus)]
+    begun = later(running, 0.0)
+    found = judge(arena, [begun, *rest, stopped, again, end, halted])
+    assert (found.completed, found.ending, found.mission_s) == (True, "completed", 1.0)
+    assert judge(arena, [begun, *rest, stopped]).ending == "stopped"
+    assert judge(arena, [begun, *rest, stopped, again]).ending == ""
 
 
 def test_without_emulated_motors_the_bus_write_counts() -> None:
