@@ -5,6 +5,7 @@ the motion-capture system may appear later, vanish and come back.
 """
 
 import argparse
+import gc
 import signal
 import sys
 from pathlib import Path
@@ -53,6 +54,9 @@ def run(options: argparse.Namespace) -> int:
         if isinstance(source, OnNetwork):
             source.attach(session)
         bridge = Bridge(arena, source, session, options.allow_replay)
+        gc.collect()
+        gc.freeze()  # what lives now is never looked at again
+        gc.set_threshold(50_000, 20, 100)
         print(f"READY {NAME}", flush=True)
         bridge.run(lambda: bool(stop))
     source.close()
