@@ -1,10 +1,10 @@
 """The arena page with many robots: frames a second in headless Chromium, and what its server costs.
 
 A made-up mission of 50 robots and 500 targets is spoken over a real router at the rates of a real one (frames 100 Hz,
-every robot's report 5 Hz, status 10 Hz). The page's server is a process of its own with four clients: Chromium, two
-that read, and one that is frozen and never reads. Reported: frames drawn a second and what one costs the browser (all
-its processes, on all cores), views a second, the server's share of a core, and the longest wait for a view of a reading
-client beside the frozen one.
+every robot's report 5 Hz with figures of its own, status 10 Hz). The page's server is a process of its own with four
+clients: Chromium, two that read, and one that is frozen and never reads. Reported: frames drawn a second and what one
+costs the browser (all its processes, on all cores), updates a second (whole views and poses), the server's share of a
+core, and the longest wait for an update of a reading client beside the frozen one.
 
     python bench/arena_page.py --robots 50 --targets 500 --seconds 10 --json FILE
 """
@@ -137,11 +137,12 @@ class Swarm(threading.Thread):
             yield keys.targets, self._cloud
 
     def _report(self, i: int, tick: int, now_ns: int) -> RobotReport:
+        odd = i + tick // 20
         return RobotReport(
             robot=self._names[i], boot=1, stamp_ns=now_ns, schema_version=SCHEMA_VERSION, arena_hash=self._hash,
-            run="running", pose_valid=True, pose_age_ms=9.0, battery_v=24.0,
+            run="running", pose_valid=True, pose_age_ms=9.0 + odd % 7, battery_v=24.0 - odd % 9 / 10,
             task="tracking" if i % 3 else "occupied", claim=(i * 7 + tick // 300) % len(self._cloud.targets),
-            timing=LoopTiming(nominal_hz=100.0, rate_hz=100.0, jitter_ms=0.3, steps=tick, misses=0),
+            timing=LoopTiming(nominal_hz=100.0, rate_hz=100.0, jitter_ms=0.3 + odd % 5 / 10, steps=tick, misses=0),
             neighbours=self._near[i], links_on=self._near[i],
         )  # fmt: skip
 
@@ -180,19 +181,21 @@ class Reader(threading.Thread):
 
     def __init__(self, url: str) -> None:
         super().__init__(daemon=True)
-        from websockets.sync.client import connect
-
-        self.socket = connect(url, compression=None, max_queue=None)
         self.arrivals: list[float] = []
-        self.bytes = 0
+        self.bytes: dict[str, int] = {}
+        """Of the newest update of each kind."""
+        self._url = url
 
     def run(self) -> None:
-        with contextlib.suppress(Exception):
+        from websockets.sync.client import connect
+
+        with contextlib.suppress(Exception), connect(self._url, compression=None, max_queue=None) as socket:
             while True:
-                text = self.socket.recv()
-                if '"kind":"view"' in text[:40]:
-                    self.arrivals.append(time.monotonic())
-                    self.bytes = len(text)
+                text = socket.recv()
+                for kind in ("view", "poses"):
+                    if f'"kind":"{kind}"' in text[:40]:
+                        self.arrivals.append(time.monotonic())
+                        self.bytes[kind] = len(text)
 
 
 @contextlib.contextmanager
@@ -230,8 +233,8 @@ def measure(robots: int, targets: int, seconds: float) -> dict[str, float]:
         readers = [Reader(f"ws://{host}ws") for _ in range(2)]
         for reader in readers:
             reader.start()
-        frozen = connect(f"ws://{host}ws", compression=None, max_queue=1)
-        stack.callback(frozen.close)
+        frozen = stack.enter_context(connect(f"ws://{host}ws", compression=None, max_queue=1, close_timeout=0.1))
+        stack.callback(frozen.socket.close)
         playwright = stack.enter_context(sync_playwright())
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
         stack.callback(browser.close)
@@ -252,10 +255,11 @@ def measure(robots: int, targets: int, seconds: float) -> dict[str, float]:
             "seconds": round(lasted, 2),
             "frames_per_s": round((frames_after - frames) / lasted, 1),
             "chromium_cpu_ms_per_frame": round(1e3 * drawn_s / max(1, frames_after - frames), 1),
-            "views_per_s_chromium": round((views_after - views) / lasted, 1),
-            "views_per_s_reader": round(len(gaps) / len(readers) / lasted, 1),
+            "updates_per_s_chromium": round((views_after - views) / lasted, 1),
+            "updates_per_s_reader": round(len(gaps) / len(readers) / lasted, 1),
             "longest_wait_ms": round(max(gaps, default=math.nan) * 1e3, 1),
-            "view_bytes": readers[0].bytes,
+            "view_bytes": readers[0].bytes.get("view", 0),
+            "poses_bytes": readers[0].bytes.get("poses", 0),
             "server_core_percent": round(100 * used / lasted, 1),
             "load_1min": round(os.getloadavg()[0], 2),
         }

@@ -9,12 +9,20 @@ from functools import lru_cache
 
 import numpy as np
 
+FEW = 12
+"""Up to so many points pairs are compared one by one, which is faster."""
+
 Edge = tuple[int, int]
 Point = tuple[float, float]
 
 
 def disk_graph(points: Sequence[Point], radius_m: float) -> frozenset[Edge]:
     """Eq. 2: an edge for every pair at a distance of at most ``radius_m``; points in metres."""
+    if len(points) > FEW:
+        places = np.array(points)
+        ways = places[:, None, :] - places[None, :, :]
+        close = np.argwhere(np.triu((ways**2).sum(axis=2) <= (radius_m * (1.0 + 1e-12)) ** 2, 1))
+        return frozenset((i, j) for i, j in close.tolist() if math.dist(points[i], points[j]) <= radius_m)
     return frozenset(
         (i, j)
         for i, first in enumerate(points)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 from groundstation.page_links import Network
 from groundstation.page_missing import Missing
 from groundstation.page_reasons import seconds
-from groundstation.page_seed import unreachable
 from groundstation.page_stop import CONFIRM_NS
 from groundstation.scenes import clock, label
 
@@ -188,13 +187,8 @@ def _progress(state: "PageState", stop: dict[str, Any] | None) -> dict[str, Any]
     return {"label": "Targets done", "big": str(done), "of": f"of {total}", "done": done, "total": total, "sub": sub}
 
 
-def _strays(state: "PageState") -> list[tuple[int, float]]:
-    points = [(t.x_m, t.y_m) for t in state.cloud.targets] if state.cloud else []
-    return unreachable(points, state.arena.control.sensing_radius_m) if len(points) <= 200 else []
-
-
 def _stray(state: "PageState") -> str:
-    count = len(_strays(state))
+    count = len(state.board.strays)
     return f"{count} need{'s' if count == 1 else ''} attention" if count else "all in reach"
 
 
@@ -223,7 +217,7 @@ def _checks(state: "PageState", graph: Network, now_ns: int) -> list[tuple[str, 
     if graph.word == "Connected":
         checks.append(("ok", f"Swarm connected at start, λ2 {graph.lambda2:.2f}"))
     reach = state.arena.control.sensing_radius_m
-    for target, gap in _strays(state)[:2]:
+    for target, gap in state.board.strays[:2]:
         checks.append(("stray", f"T{target + 1:02d} out of reach: {gap:.2f} m of {reach:.2f} m. Move it or Delete"))
     if state.cloud is None or not state.cloud.targets:
         checks.append(("caution", "No targets. Click to place, drag for a cloud"))

@@ -8,17 +8,23 @@ import msgspec
 
 
 class Client:
-    """One browser: a slot for the newest view, a short queue for answers."""
+    """One browser: a slot for the newest whole view, one for the newest poses since, a short queue for answers."""
 
     def __init__(self) -> None:
         self.answers: deque[bytes] = deque(maxlen=64)
         self.cloud_version = -1
         self._view = b""
+        self._poses = b""
         self._wake = asyncio.Event()
 
     def offer(self, view: bytes) -> None:
-        """The newest view; one that has not been taken is replaced."""
-        self._view = view
+        """The newest whole view; what has not been taken is replaced."""
+        self._view, self._poses = view, b""
+        self._wake.set()
+
+    def move(self, poses: bytes) -> None:
+        """The newest poses; a whole view that has not been taken stays and goes first."""
+        self._poses = poses
         self._wake.set()
 
     def answer(self, message: dict[str, Any]) -> None:
@@ -26,12 +32,10 @@ class Client:
         self._wake.set()
 
     async def next(self) -> list[bytes]:
-        """Answers and the newest view, once there is something."""
+        """Answers, the newest whole view and the newest poses, once there is something."""
         await self._wake.wait()
         self._wake.clear()
-        out = list(self.answers)
+        out = [*self.answers, *filter(None, (self._view, self._poses))]
         self.answers.clear()
-        if self._view:
-            out.append(self._view)
-            self._view = b""
+        self._view = self._poses = b""
         return out

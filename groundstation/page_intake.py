@@ -19,14 +19,19 @@ class Intake(Link):
     def __init__(self, arena: Arena, source: str, timeout_s: float = 10.0) -> None:
         super().__init__(arena, source, timeout_s)
         self._newest: dict[str, tuple[bytes, int]] = {}
+        self._rings: list[Any] = []
         self.present: set[str] = set()
         """Sources whose liveliness token is there."""
         self._lines: deque[tuple[str, bytes, int]] = deque(maxlen=LINES)
 
-    def listen(self, arena: Arena) -> None:
+    def listen(self) -> None:
+        import zenoh
+
         keys = self.keys
-        self.subscribe([keys.mocap_frame, keys.mocap_health, keys.status, keys.targets, keys.heartbeat, keys.stop])
-        self.subscribe([f"{keys.site}/log/**", *(keys.report(robot) for robot in arena.robots)])
+        for key in (keys.mocap_frame, keys.mocap_health, keys.status, keys.targets, keys.heartbeat):
+            ring: Any = zenoh.handlers.RingChannel(1)
+            self._rings.append(self._session.declare_subscriber(key, ring))
+        self.subscribe([keys.stop, f"{keys.site}/log/**", f"{keys.site}/robot/*/report"])
         presence = f"{keys.site}/presence/*"
         self._session.liveliness().declare_subscriber(presence, self._attend, history=True)
         self.station()
@@ -43,8 +48,15 @@ class Intake(Link):
             self._newest[key] = (payload, now_ns)
 
     def take(self) -> list[tuple[Message, int]]:
-        """What has come since, in order of arrival; what does not decode is counted."""
+        """What has come since, in order of arrival; what does not decode is counted.
+
+        Of what comes often and only the newest counts of, the others are never touched here: it arrives when taken.
+        """
         raw = [self._lines.popleft() for _ in range(len(self._lines))]
+        now_ns = time.monotonic_ns()
+        for ring in self._rings:
+            if (sample := ring.try_recv()) is not None:
+                raw.append((str(sample.key_expr), sample.payload.to_bytes(), now_ns))
         with contextlib.suppress(KeyError):
             for _ in range(len(self._newest)):
                 key, (payload, arrival_ns) = self._newest.popitem()

@@ -17,6 +17,8 @@ from groundstation.page_seed import SeedError, cloud, points_of
 from groundstation.page_state import PageState
 
 VIEW_S = 0.05
+WHOLE_NS = 200_000_000
+"""Between whole views; in between go poses, but at news a whole view goes at once."""
 STOP_POLL_S = 0.01
 ASK_NS = 1_000_000_000
 ASK_AGAIN_NS = 200_000_000
@@ -36,6 +38,8 @@ class Page:
         self._link = link
         self._token = token
         self._robots = tuple(arena.robots)
+        self._whole_ns = 0
+        self._news = -1
         self._asked: list[tuple[OrderRequest | TargetCloud, int]] = []
         self._ask_due_ns = 0
 
@@ -123,17 +127,20 @@ class Page:
     # --- the beat -----------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """20 views a second; while a STOP waits for answers the network is read every 10 ms."""
+        """20 times a second a whole view or poses; while a STOP waits for answers the network is read every 10 ms."""
         view_due = time.monotonic()
         while True:
             self.turn(time.monotonic_ns())
             now = time.monotonic()
             if now >= view_due:
                 view_due = view_due + VIEW_S if now - view_due < VIEW_S else now + VIEW_S
-                self._show()
-            waiting = self.state.latch.pressed is not None and self.state.latch.silent
+                self._show(time.monotonic_ns())
             left = view_due - time.monotonic()
-            await asyncio.sleep(max(0.0, min(STOP_POLL_S, left) if waiting else left))
+            await asyncio.sleep(max(0.0, min(STOP_POLL_S, left) if self._waiting() else left))
+
+    def _waiting(self) -> bool:
+        """For answers to a STOP."""
+        return self.state.latch.pressed is not None and bool(self.state.latch.silent)
 
     def turn(self, now_ns: int) -> None:
         """Take what has arrived, send what is due."""
@@ -159,12 +166,25 @@ class Page:
         """Of which moment the views are."""
         return self.state
 
-    def _show(self) -> None:
+    def poses(self, now_ns: int) -> dict[str, Any] | None:
+        """What goes to browsers between whole views; None where only a whole view will do."""
+        return self.state.poses(now_ns)
+
+    def _show(self, now_ns: int) -> None:
+        """To every browser, encoded once: poses, or where it is time or there is news the whole view."""
         if not self.clients:
-            self.state.network(time.monotonic_ns())
+            self.state.remember(now_ns)
             return
-        view = msgspec.json.encode(self.view(time.monotonic_ns()))
         shown = self.shown()
+        due = shown.news != self._news or now_ns - self._whole_ns > WHOLE_NS - VIEW_S * 0.5e9
+        poses = None if due or self._waiting() else self.poses(now_ns)
+        if poses is not None:
+            moved = msgspec.json.encode(poses)
+            for client in self.clients:
+                client.move(moved)
+            return
+        self._whole_ns, self._news = now_ns, shown.news
+        view = msgspec.json.encode(self.view(now_ns))
         for client in self.clients:
             if client.cloud_version != shown.cloud_version:
                 client.cloud_version = shown.cloud_version

@@ -49,6 +49,8 @@ class PageMemory:
         self.history: deque[tuple[float, float]] = deque(maxlen=4 * 3600)
         """(elapsed s, lambda_2) of the mission."""
         self.marks: list[tuple[float, str]] = []
+        self.news = 0
+        """Raised by what has to be shown at once: STOP and its answers, run states, faults, phases, processes."""
         self.began_ns = now_ns
         self._names = list(arena.robots)
         self._labels = [label(name) for name in self._names]
@@ -77,6 +79,7 @@ class PageMemory:
             case TargetCloud():
                 self.board.take(message)
             case StationHeartbeat():
+                self.news += self.heartbeat is None or self.heartbeat.order != message.order
                 self.heartbeat = message
             case StopRequest():
                 if self.latch.pressed is None:
@@ -95,6 +98,7 @@ class PageMemory:
     def attend(self, present: Collection[str], now_ns: int) -> None:
         """Take which processes of the site are there."""
         come, gone = self.roll.call(present, now_ns)
+        self.news += bool(come or gone)
         for source in gone:
             if source in PARTS:
                 self.note(f"{PARTS[source]} gone", "error", now_ns)
@@ -105,6 +109,7 @@ class PageMemory:
     def note(self, words: str, level: str, now_ns: int) -> None:
         """A line of the event log."""
         self._numbers += 1
+        self.news += level != "info"
         self.events.append((self._numbers, self._clock(now_ns), words, level))
 
     def _clock(self, now_ns: int) -> str:
@@ -126,8 +131,10 @@ class PageMemory:
         before = self._reports.get(report.robot)
         self._reports[report.robot] = (report, arrival_ns)
         self._told[report.robot] = told(report)
-        acknowledged = report.robot in self.latch.acknowledged_ns
+        acknowledged, pressed = report.robot in self.latch.acknowledged_ns, self.latch.pressed
         self.latch.heard(report, arrival_ns)
+        self.news += before is None or _grave(before[0]) != _grave(report) or pressed is not self.latch.pressed
+        self.news += acknowledged is not (report.robot in self.latch.acknowledged_ns)
         if not acknowledged and report.robot in self.latch.acknowledged_ns and not self.latch.silent:
             self.note(f"{len(self._names)} of {len(self._names)} confirmed STOP", "info", arrival_ns)
         who = label(report.robot)
@@ -166,6 +173,7 @@ class PageMemory:
                 self.marks.append((status.elapsed_s, "done"))
                 self.note(f"T{target + 1:02d} done", "info", arrival_ns)
         if old is None or old.phase != status.phase:
+            self.news += 1
             detail = f": {status.detail}" if status.detail and status.phase != "waiting" else ""
             bad = status.phase in ("failed", "stopped")
             self.note(f"Mission {status.phase}{detail}", "error" if bad else "info", arrival_ns)
@@ -180,3 +188,8 @@ class PageMemory:
         elif entry.source in self._index or entry.level not in ("warning", "error"):
             return
         self.note(f"{entry.source}: {entry.text}", entry.level, arrival_ns)
+
+
+def _grave(report: RobotReport) -> tuple[object, ...]:
+    """What of a report is shown at once when it changes."""
+    return report.run, report.reason, report.motor_faults, report.pose_valid

@@ -49,6 +49,9 @@ class ReplayPage(Page):
             return super().view(now_ns)
         return self.playback.view()
 
+    def poses(self, now_ns: int) -> dict[str, Any] | None:
+        return None if self.replaying else super().poses(now_ns)
+
     def shown(self) -> Any:
         return self.playback.state if self.replaying else super().shown()
 

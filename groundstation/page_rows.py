@@ -64,7 +64,7 @@ def row(name: str, sight: Sight) -> dict[str, Any]:
         if sight.away_m is not None and (report.run == "disarmed" or report.task == "homing"):
             found["away_m"] = round(sight.away_m, 2)
     if sight.hold_share is not None:
-        found["hold"] = round(min(1.0, sight.hold_share), 3)
+        found["hold"] = sight.hold_share
     if sight.acknowledged_ns is not None:
         found["ack_ms"] = round(sight.acknowledged_ns / 1e6)
     if sight.excluded:

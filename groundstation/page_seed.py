@@ -3,12 +3,15 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from contract.arena import Arena
 from contract.messages import Target, TargetCloud
 from contract.units import Point
 from groundstation.targets import pointing
 
 MOST_TARGETS = 1000
+ROUNDING_M = 1e-9
 
 
 class SeedError(ValueError):
@@ -52,26 +55,20 @@ def unreachable(points: Sequence[Point], reach_m: float) -> list[tuple[int, floa
     Targets are one piece when each is within ``reach_m`` of the next: then a swarm can go from one to
     all others without losing itself.
     """
-    left = set(range(len(points)))
-    pieces: list[list[int]] = []
-    while left:
-        piece, todo = [], [left.pop()]
-        while todo:
-            here = todo.pop()
-            piece.append(here)
-            near = {other for other in left if math.dist(points[here], points[other]) <= reach_m}
-            left -= near
-            todo.extend(near)
-        pieces.append(piece)
-    if len(pieces) < 2:
+    if len(points) < 2:
         return []
-    largest = max(pieces, key=len)
-    lost = []
-    for piece in pieces:
-        if piece is not largest:
-            others = [points[k] for other in pieces if other is not piece for k in other]
-            lost += [(k, min(math.dist(points[k], other) for other in others)) for k in piece]
-    return sorted(lost)
+    places = np.array(points)
+    ways = np.sqrt(((places[:, None, :] - places[None, :, :]) ** 2).sum(axis=2))
+    close = ways <= reach_m + ROUNDING_M
+    piece = np.full(len(points), -1)
+    while (left := np.flatnonzero(piece < 0)).size:
+        front = left[:1]
+        while front.size:
+            piece[front] = left[0]
+            front = np.flatnonzero(close[front].any(axis=0) & (piece < 0))
+    apart = np.flatnonzero(piece != np.bincount(piece).argmax())
+    gaps = np.where(piece[apart, None] == piece[None, :], np.inf, ways[apart])
+    return list(zip(apart.tolist(), gaps.min(axis=1).tolist() if apart.size else [], strict=True))
 
 
 def cloud(arena: Arena, points: Sequence[Point], mission: str) -> TargetCloud:

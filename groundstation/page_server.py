@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         link = Intake(arena, "page")
         with link:
-            link.listen(arena)
+            link.listen()
             return asyncio.run(_serve(Page(arena, link, token), args.host, args.port, token))
     except LinkError as error:
         print(error, file=sys.stderr)
@@ -78,7 +78,7 @@ def _replay(args: argparse.Namespace) -> int:
         with contextlib.suppress(LinkError):
             live = Intake(arena, "page", timeout_s=1.0)
             stack.enter_context(live)
-            live.listen(arena)
+            live.listen()
             link = live
         return asyncio.run(_serve(ReplayPage(arena, link, token, playback), args.host, args.port, token))
 

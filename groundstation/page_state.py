@@ -75,11 +75,8 @@ class PageState(PageMemory):
         """The arena at this moment."""
         complaints = self.complaints(now_ns)
         graph = self.network(now_ns)
-        status = self.status
-        if status is not None and status.phase == "running":
-            when = status.elapsed_s
-            if not self.history or when - self.history[-1][0] >= HISTORY_S:
-                self.history.append((round(when, 2), round(graph.lambda2, 4)))
+        if self._due():
+            self._note_lambda2(graph)
         away = self.misplaced()
         rows = [row(name, self._sight(name, complaints.get(name), away.get(name), now_ns)) for name in self._names]
         running = [self._poses[n][:2] for n, (r, _) in self._reports.items() if r.run == "running" and n in self._poses]
@@ -105,6 +102,45 @@ class PageState(PageMemory):
         }
         view |= bar(self, rows, graph, gone, now_ns)
         return view
+
+    def poses(self, now_ns: int) -> dict[str, Any]:
+        """What moves between two views: (x, y, heading, valid) of every robot, None where it was never seen.
+
+        ``hold`` is how much of its occupying time each robot that occupies a target has behind it.
+        """
+        bodies = self._bodies
+        return {
+            "kind": "poses",
+            "t": now_ns // 1_000_000,
+            "age_s": round(self.frame_age_s(now_ns), 3),
+            "poses": [
+                (round(pose[0], 4), round(pose[1], 4), round(pose[2], 3), int(bodies[name].valid))
+                if (pose := self._poses.get(name)) is not None
+                else None
+                for name in self._names
+            ],
+            "hold": {self._index[name]: self._hold_share(name, now_ns) for name in self._holds},
+        }
+
+    def _hold_share(self, name: str, now_ns: int) -> float | None:
+        held_ns, whole_s = self._holds.get(name), max(1e-3, self.arena.control.occupying_time_s)
+        return None if held_ns is None else round(min(1.0, (now_ns - held_ns) / 1e9 / whole_s), 3)
+
+    def remember(self, now_ns: int) -> None:
+        """Keep the history while nobody looks, too."""
+        if self._due():
+            self._note_lambda2(self.network(now_ns))
+
+    def _due(self) -> bool:
+        """Whether the mission runs, and goes on since its last point of the history."""
+        status = self.status
+        if status is None or status.phase != "running":
+            return False
+        return not self.history or status.elapsed_s - self.history[-1][0] >= HISTORY_S
+
+    def _note_lambda2(self, graph: Network) -> None:
+        assert self.status is not None
+        self.history.append((round(self.status.elapsed_s, 2), round(graph.lambda2, 4)))
 
     def station_alive(self, now_ns: int) -> bool:
         return self.status is not None and now_ns - self.status_ns < SILENT_S * 1e9
@@ -206,8 +242,6 @@ class PageState(PageMemory):
 
     def _sight(self, name: str, trouble: Complaint | None, away_m: float | None, now_ns: int) -> Sight:
         entry = self._reports.get(name)
-        held_ns = self._holds.get(name)
-        hold_s = max(1e-3, self.arena.control.occupying_time_s)
         return Sight(
             report=entry[0] if entry else None,
             told=self._told[name] if entry else {},
@@ -216,7 +250,7 @@ class PageState(PageMemory):
             pose=self._poses.get(name),
             exposure_ns=self._frame.exposure_ns if self._frame else None,
             speed_mps=self.speed_mps(name),
-            hold_share=None if held_ns is None else (now_ns - held_ns) / 1e9 / hold_s,
+            hold_share=self._hold_share(name, now_ns),
             acknowledged_ns=self.latch.acknowledged_ns.get(name),
             away_m=away_m,
             trouble=trouble,

@@ -5,9 +5,10 @@ const WINDOW_S = 60;
 
 export function drawChart(canvas, data) {
   const { context: c, width, height } = fit(canvas);
+  if (!width) return;
   c.clearRect(0, 0, width, height);
   const left = 28, right = width - 1, top = 8, bottom = height - 44;
-  const floor = data.floor || 0.05, high = Math.max(2, ...data.history.map((p) => p[1]));
+  const floor = data.floor || 0.05, high = data.history.reduce((most, p) => Math.max(most, p[1]), 2);
   const low = floor * 0.78;
   const y = (v) => bottom - (Math.log(Math.max(v, low)) - Math.log(low)) / (Math.log(high * 1.15) - Math.log(low)) * (bottom - top);
   const end = Math.max(WINDOW_S, data.elapsed), begin = end - WINDOW_S;

@@ -2,7 +2,7 @@
 import { repaint } from "./canvas.js";
 import { drawChart } from "./chart.js";
 import { ArenaMap } from "./map.js";
-import { drawBar, drawChecks, drawLegend, drawLog, drawParts, drawRelease, drawRows, text } from "./panels.js";
+import { drawBar, drawChecks, drawLegend, drawLog, drawParts, drawRelease, drawRows, html, text } from "./panels.js";
 import { download, Seed } from "./seed.js";
 import { Replay } from "./replay.js";
 import { Stop } from "./stop.js";
@@ -10,10 +10,11 @@ import { Stop } from "./stop.js";
 const $ = (id) => document.getElementById(id);
 const HELD = ["Enter", "B"]; // what moves robots takes a long press
 const AGED_MS = 300, NO_DATA_MS = 1000, HOLD_MS = 600, ANSWER_MS = 2000;
+const CALM_MS = 200; // words and tables follow so often; what is grave follows at once
 const token = new URLSearchParams(location.hash.slice(1)).get("token") || undefined;
 
 let socket = null, layout = null, view = null, viewAt = 0, asked = 0, holdFrom = 0, held = "", releaseNote = "", note = "";
-let history = [], marks = [];
+let history = [], marks = [], drawnAt = -Infinity, drawnAlarm = "", grave = "", fresh = false;
 const waiting = new Map();
 
 function connect() {
@@ -37,10 +38,10 @@ function ask(message) {
   });
 }
 
-async function order(name) { note = await ask({ do: "order", order: name }); }
+async function order(name, robots) { note = await ask({ do: "order", order: name, robots }); drawAll(); }
 
 const map = new ArenaMap($("map"));
-const seed = new Seed(map, $("map"), ask, () => {});
+const seed = new Seed(map, $("map"), ask, () => drawAll());
 const replay = new Replay(ask);
 const stop = new Stop($("stop"), send, () => drawAll());
 
@@ -48,20 +49,38 @@ function receive(message) {
   if (message.kind === "layout") {
     layout = message; history = message.history; marks = message.marks;
     map.setLayout(layout); seed.setLayout(layout); replay.setLayout(layout); document.title = `${layout.name}, arena`;
+    if (view?.robots.length !== layout.robots.length) view = null; // of another arena
   } else if (message.kind === "targets") seed.setServer(message.points);
   else if (message.kind === "answer") { waiting.get(message.to)?.(message.text); waiting.delete(message.to); }
-  else if (message.kind === "view") {
-    view = message; viewAt = performance.now(); window.arena.views += 1;
-    if (!view.elapsed || (view.replay && history.length && view.elapsed < history[history.length - 1][0])) { history = []; marks = []; }
-    for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
-    if (view.marked !== marks.length) marks = view.marked > 40 && marks.length ? marks.slice(0, view.marked - view.marks.length).concat(view.marks) : view.marks;
-    map.setView(view, viewAt); stop.update(view.stop); drawAll();
+  else if (message.kind === "view" && message.robots.length === layout?.robots.length) receiveView(message);
+  else if (message.kind === "poses" && message.poses.length === view?.robots.length) {
+    viewAt = performance.now(); view.age_s = message.age_s; window.arena.views += 1;
+    map.setPoses(message.poses, viewAt);
+    for (const k in message.hold) view.robots[k].hold = message.hold[k];
   }
+}
+
+function receiveView(message) {
+  view = message; viewAt = performance.now(); window.arena.views += 1;
+  if (!view.elapsed || (view.replay && history.length && view.elapsed < history[history.length - 1][0])) { history = []; marks = []; }
+  for (const point of view.history) if (!history.length || point[0] > history[history.length - 1][0]) history.push(point);
+  if (view.marked !== marks.length) marks = view.marked > 40 && marks.length ? marks.slice(0, view.marked - view.marks.length).concat(view.marks) : view.marks;
+  map.setView(view, viewAt); stop.update(view.stop);
+  if (view.replay) replay.draw(view.replay);
+  grave = gravity(view); fresh = true;
+}
+
+/** What of a view is shown at once where it changes: run state, STOP and its answers, what may be pressed, what is missing, robots in trouble. */
+function gravity({ scene, run, net, stop, can, missing, robots }) {
+  const troubled = robots.map((r) => (r.trouble ? `${r.id}${r.trouble.level}${r.trouble.title}` : "")).join("");
+  return [scene, run.state, net.word, stop?.answered, stop?.silent.length, stop?.releasing, Object.values(can), missing?.map((part) => part.title), troubled].join("|");
 }
 
 // --- what to show -----------------------------------------------------------------------------------
 
-function age() { return viewAt ? performance.now() - viewAt + Math.max(0, view.age_s) * 1000 : Infinity; }
+function choose(id) { map.selected = map.selected === id ? null : id; drawAll(); }
+
+function age() { return view ? performance.now() - viewAt + Math.max(0, view.age_s) * 1000 : Infinity; }
 
 function noData() {
   if (!view || age() < NO_DATA_MS) return null;
@@ -73,17 +92,24 @@ function noData() {
   return { title: `NO DATA ${late}, ${who}`, text: `Robots stop by themselves without poses. ${stop}` };
 }
 
+function alarm() { return `${grave}|${stop.state()?.state}|${age() > AGED_MS}`; }
+
+/** Words and tables: with a new view, but not too often; at once where something grave has changed. */
+function keepUp(now) { if (now - drawnAt >= (fresh ? CALM_MS / 2 : CALM_MS) || alarm() !== drawnAlarm) drawAll(); }
+
 function drawAll() {
+  drawnAt = performance.now(); drawnAlarm = alarm(); fresh = false;
   if (!view || !layout) { stop.draw(); return; }
   const local = stop.state(), stopped = Boolean(local);
   const body = document.body.classList;
   body.toggle("stopped", stopped); body.toggle("aged", age() > AGED_MS && !view.replay); body.toggle("replay", Boolean(view.replay));
+  $("frame").hidden = !stopped && !view.replay;
   replay.draw(view.replay);
   document.body.dataset.run = stopped ? local.state : view.run.state;
   document.body.dataset.scene = view.scene ?? "";
   drawBar(view, local);
   drawParts(view.missing || []);
-  drawRows(view, layout, map.selected, (id) => { map.selected = map.selected === id ? null : id; });
+  drawRows(view, layout, map.selected, choose);
   seed.open = view.can.seed && !stopped;
   const placing = !stopped && (view.run.state === "DISARMED" || (view.run.state === "NO STATION" && !view.elapsed));
   $("seed").hidden = !placing; $("release").hidden = !view.stop;
@@ -99,8 +125,7 @@ function drawAll() {
   stop.draw();
   drawLegend(seed.open ? ["disarmed", "target", "attention", "kept", "fence"] : ["kept", "critical", "removed", ...(view.links.some((l) => l[2] === 3) ? ["unverified"] : []), "open", "seen", "tracked", "done", "fence"]);
   if (!$("chart-panel").hidden) {
-    text($("chart-now"), "");
-    $("chart-now").innerHTML = `<span>now ${view.l2.toFixed(2)}</span><span>floor ${layout.floor.toFixed(2)}</span><span>last 60 s</span>`;
+    html($("chart-now"), `<span>now ${view.l2.toFixed(2)}</span><span>floor ${layout.floor.toFixed(2)}</span><span>last 60 s</span>`);
     drawChart($("chart"), { history, marks, elapsed: view.elapsed, floor: layout.floor });
   }
 }
@@ -125,7 +150,7 @@ function dropping(can) {
   const robots = view.robots, out = robots.filter((r) => r.out);
   const one = robots.find((r) => r.id === map.selected) || robots.find((r) => !r.out && r.trouble?.level === "fault") || out[0];
   if (!can.drop || !one) return [["C", "Rings", true, false, () => { map.rings = !map.rings; }]];
-  const name = layout.labels[robots.indexOf(one)], send = (word) => async () => { note = await ask({ do: "order", order: word, robots: [one.id] }); };
+  const name = layout.labels[robots.indexOf(one)], send = (word) => () => order(word, [one.id]);
   return one.out ? [["J", `Rejoin ${name}`, true, false, send("readmit")]] : [["X", `Drop ${name}`, robots.length - out.length > 1, false, send("exclude")]];
 }
 
@@ -146,10 +171,10 @@ function drawActions(stopped) {
 
 window.arena = { frames: 0, views: 0 }; // how often it was drawn and told, for benches and tests
 function loop(now) {
-  window.arena.frames += 1;
-  if (layout) map.draw(now, seed, { stopped: document.body.classList.contains("stopped"), noData: noData() });
-  if (holdFrom && now - holdFrom >= HOLD_MS) { holdFrom = 0; actions.find(([key, , enabled]) => key === held && enabled)?.[4](); }
   requestAnimationFrame(loop);
+  keepUp(now);
+  if (layout) { map.draw(now, seed, { stopped: document.body.classList.contains("stopped"), noData: noData() }); window.arena.frames += 1; }
+  if (holdFrom && now - holdFrom >= HOLD_MS) { holdFrom = 0; actions.find(([key, , enabled]) => key === held && enabled)?.[4](); }
 }
 
 // --- keys and buttons ---------------------------------------------------------------------------------
@@ -162,9 +187,12 @@ function theme(name) {
   repaint(); drawAll();
 }
 
+function placeBy(mode) { seed.mode = mode; drawAll(); }
+
 function select(step) {
   const ids = layout.robots, at = ids.indexOf(map.selected);
   map.selected = ids[(at + step + ids.length + (at < 0 && step < 0 ? 1 : 0)) % ids.length];
+  drawAll();
 }
 
 document.addEventListener("keydown", (event) => {
@@ -181,18 +209,18 @@ document.addEventListener("keydown", (event) => {
   else if (key === "R") map.turn = (map.turn + 1) % 4;
   else if (key === "D") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
   else if (key === "M") screenshot();
-  else if (key === "P") seed.mode = "point";
-  else if (key === "G") seed.mode = "cloud";
+  else if (key === "P") placeBy("point");
+  else if (key === "G") placeBy("cloud");
   else if (key === "O") $("file").click();
   else if (key === "S") seed.save();
   else if (key === "ArrowUp" || key === "ArrowDown") { select(key === "ArrowUp" ? -1 : 1); event.preventDefault(); }
   else if (key === "?") $("help").hidden = !$("help").hidden;
-  else if (key === "Escape") { $("help").hidden = true; map.selected = null; }
+  else if (key === "Escape") { $("help").hidden = true; map.selected = null; drawAll(); }
 });
 document.addEventListener("keyup", () => { holdFrom = 0; });
 window.addEventListener("blur", () => { holdFrom = 0; });
-$("tool-point").addEventListener("click", () => { seed.mode = "point"; });
-$("tool-cloud").addEventListener("click", () => { seed.mode = "cloud"; });
+$("tool-point").addEventListener("click", () => placeBy("point"));
+$("tool-cloud").addEventListener("click", () => placeBy("cloud"));
 $("tool-undo").addEventListener("click", () => seed.undo());
 $("tool-load").addEventListener("click", () => $("file").click());
 $("file").addEventListener("change", () => { const [file] = $("file").files; if (file) seed.load(file); $("file").value = ""; });
@@ -201,12 +229,13 @@ $("release-form").addEventListener("submit", async (event) => {
   event.preventDefault();
   releaseNote = await ask({ do: "release", typed: $("release-word").value });
   $("release-word").blur();
+  drawAll();
 });
 
 let saved = null;
 try { saved = localStorage.getItem("theme"); } catch { saved = null; }
 document.documentElement.dataset.theme = saved || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-setInterval(drawAll, 100);
+setInterval(() => keepUp(performance.now()), 100); // a page in the background gets no frames
 requestAnimationFrame(loop);
 connect();
 stop.draw();

@@ -3,9 +3,11 @@ import { icons, legendIcons } from "./icons.js";
 
 const $ = (id) => document.getElementById(id);
 
-export function text(node, value) { const words = value ?? ""; if (node.textContent !== words) node.textContent = words; }
+export function text(node, value) { const words = value ?? ""; if (node._text !== words) { node._text = words; node.textContent = words; } }
 
-function html(node, value) { if (node._html !== value) { node._html = value; node.innerHTML = value; } }
+export function html(node, value) { if (node._html !== value) { node._html = value; node.innerHTML = value; } }
+
+function look(node, value) { if (node._look !== value) { node._look = value; node.className = value; } }
 
 const escape = (words) => String(words).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
 const lambda = (words) => escape(words).replace("λ2", "λ<sub>2</sub>");
@@ -14,14 +16,14 @@ export function drawBar(view, local) {
   const stop = view.stop, run = local && local.state !== "STOPPED" ? { state: local.state === "NOT CONFIRMED" ? "STOP ?" : local.state, icon: "stop", tone: "red", sub: local.sub || view.run.sub } : view.run;
   text($("run-word"), run.state); $("run").classList.toggle("long", run.state.length > 8); text($("run-sub"), run.sub);
   html($("run-icon"), `<span style="--hole:var(--red);display:contents">${icons[run.icon]}</span>`);
-  $("run-icon").style.color = run.tone === "amber" ? "var(--amber)" : document.body.classList.contains("stopped") ? "#fff" : "";
+  look($("run-icon"), run.tone === "amber" ? "amber" : "");
   const cell = view.cell;
   text($("cell-label"), cell.label); text($("cell-big"), cell.big); text($("cell-of"), cell.of); text($("cell-sub"), cell.sub);
-  $("cell").className = `cell ${stop ? "" : cell.tone}${cell.big.length > 7 ? " long" : ""}`; $("bar").classList.toggle("trouble", !stop && Boolean(cell.tone));
+  look($("cell"), `cell ${stop ? "" : cell.tone}${cell.big.length > 7 ? " long" : ""}`); $("bar").classList.toggle("trouble", !stop && Boolean(cell.tone));
   html($("cell-icon"), stop || !cell.tone ? "" : `<span style="--hole:var(--red);display:contents">${cell.tone === "red" ? icons.fault : icons.caution}</span>`);
   const net = view.net, loud = Boolean(stop?.known && stop.silent.length) || local?.state === "NOT CONFIRMED";
   $("bar").classList.toggle("unconfirmed", loud);
-  $("net").className = `cell ${loud ? "loud" : stop ? "" : net.tone}`;
+  look($("net"), `cell ${loud ? "loud" : stop ? "" : net.tone}`);
   if (loud) {
     const names = (stop?.failed || []).map((f) => f.label), moving = (stop?.failed || []).find((f) => f.mps > 0.03);
     text($("net-label"), "");
@@ -56,8 +58,9 @@ function show(value, key) {
   return key === "battery_v" ? `${value.toFixed(1)} V` : key === "mps" ? value.toFixed(2) : key === "jitter_ms" ? value.toFixed(1) : String(value);
 }
 
-function rowHtml(robot, label, stop, selected, folded) {
-  const lost = stop?.known && stop.silent.includes(robot.id), trouble = robot.trouble, picked = selected === robot.id ? " sel" : "";
+/** Kind and words of a row with something to say; null for a robot that is well. */
+function rowHtml(robot, label, stop, folded) {
+  const lost = stop?.known && stop.silent.includes(robot.id), trouble = robot.trouble;
   const id = `<span class="id">${escape(label)}</span>`;
   if (lost) {
     const seen = robot.x === undefined ? "Mocap does not see it" : `Mocap: ${(robot.mps ?? 0).toFixed(2)} m/s at x ${robot.x.toFixed(1)}, y ${robot.y.toFixed(1)}`;
@@ -69,15 +72,27 @@ function rowHtml(robot, label, stop, selected, folded) {
     const bad = trouble.level === "fault", part = (name, words) => (words ? `<dt>${name}</dt><dd>${escape(words)}</dd>` : "");
     return [(bad ? "bad" : "warn") + (folded ? " folded" : ""), `<i style="--hole:var(--red-soft)">${bad ? icons.fault : icons.caution}</i>${id}<span class="title">${escape(trouble.title)}</span><span class="value">${escape(trouble.value)} <em>${escape(trouble.limit)}</em></span><dl>${part("Why", trouble.why)}${part("Now", trouble.now)}${part("Do", trouble.do)}</dl>`];
   }
-  const stopped = robot.run === "stopped", columns = (stop ? STOP_COLUMNS : COLUMNS).map(([, key]) => `<span class="n${key === "jitter_ms" || (stop && key === "pose_ms") ? " jit" : ""}">${show(robot[key], key)}</span>`).join("");
-  return [(stopped ? "stop" : "") + picked, `<i>${stopped ? icons.stopped : icons.ok}</i>${id}<span class="does">${escape(robot.task || "")}</span>${columns}`];
+  return null;
 }
+
+/** The row of a robot that is well: built once, then only numbers change. */
+function plainRow(node, robot, label, stop) {
+  const stopped = robot.run === "stopped", columns = stop ? STOP_COLUMNS : COLUMNS;
+  html(node, `<i>${stopped ? icons.stopped : icons.ok}</i><span class="id">${escape(label)}</span><span class="does"></span>${columns.map(([, key]) => `<span class="n${narrow(key, stop)}"></span>`).join("")}`);
+  let cell = node.firstElementChild.nextElementSibling.nextElementSibling;
+  text(cell, robot.task);
+  for (const [, key] of columns) { cell = cell.nextElementSibling; text(cell, show(robot[key], key)); }
+  return stopped ? "stop" : "";
+}
+
+/** Columns that a tablet has no room for. */
+function narrow(key, stop) { return key === "jitter_ms" || (stop && key === "pose_ms") ? " jit" : ""; }
 
 /** One row a robot; with more than eight, those in trouble stand above the scrolling list. */
 export function drawRows(view, layout, selected, choose) {
   const cautions = view.robots.filter((robot) => robot.trouble?.level === "caution").length;
   const columns = view.stop ? STOP_COLUMNS : COLUMNS;
-  html($("rows-head"), `<span></span><span></span><span>Robot</span>${columns.map(([head, key]) => `<span class="n${key === "jitter_ms" || (view.stop && key === "pose_ms") ? " jit" : ""}">${head}</span>`).join("")}`);
+  html($("rows-head"), `<span></span><span></span><span>Robot</span>${columns.map(([head, key]) => `<span class="n${narrow(key, view.stop)}">${head}</span>`).join("")}`);
   const list = $("rows-list"), pinned = $("rows-pinned"), many = view.robots.length > 8;
   $("rows").classList.toggle("few", !many);
   if (list._rows?.length !== view.robots.length) {
@@ -91,10 +106,11 @@ export function drawRows(view, layout, selected, choose) {
     const trouble = robot.trouble, same = trouble && `${trouble.title}|${trouble.why}`;
     const folded = Boolean(trouble && (explained || told.has(same)) && selected !== robot.id);
     if (trouble) told.add(same);
-    const node = list._rows[k], [first, body] = rowHtml(robot, layout.labels[k], view.stop, selected, folded);
+    const node = list._rows[k], found = rowHtml(robot, layout.labels[k], view.stop, folded);
+    if (found) html(node, found[1]);
+    const first = found ? found[0] : plainRow(node, robot, layout.labels[k], view.stop);
     const kind = first === "warn" && (cautions === 1 || selected === robot.id) ? "warn open" : first;
-    html(node, body);
-    if (node.className !== `row ${kind}`) node.className = `row ${kind}`;
+    look(node, `row ${kind}${!found && selected === robot.id ? " sel" : ""}`);
     const home = many && (kind.startsWith("bad") || kind.startsWith("warn")) ? pinned : list;
     if (node.parentNode !== home) { const after = list._rows.slice(k + 1).find((n) => n.parentNode === home); home.insertBefore(node, after || null); }
   });

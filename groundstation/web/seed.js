@@ -9,23 +9,22 @@ function random(seed) {
 
 /** Targets of the smaller pieces, each with its distance to the nearest target of another piece. */
 export function straysOf(points, reach) {
-  if (points.length > 200) return [];
   const left = new Set(points.keys()), pieces = [];
   while (left.size) {
     const todo = [left.values().next().value], piece = []; left.delete(todo[0]);
     while (todo.length) {
       const k = todo.pop(); piece.push(k);
-      for (const m of left) if (Math.hypot(points[k][0] - points[m][0], points[k][1] - points[m][1]) <= reach) { left.delete(m); todo.push(m); }
+      for (const m of left) if ((points[k][0] - points[m][0]) ** 2 + (points[k][1] - points[m][1]) ** 2 <= reach * reach + 1e-9) { left.delete(m); todo.push(m); }
     }
     pieces.push(piece);
   }
   if (pieces.length < 2) return [];
   const largest = pieces.reduce((a, b) => (b.length > a.length ? b : a));
-  return pieces.filter((p) => p !== largest).flatMap((piece) => piece.map((index) => {
+  return pieces.filter((p) => p !== largest).flatMap((piece) => { const own = new Set(piece); return piece.map((index) => {
     let gap = Infinity, nearest = null;
-    points.forEach((q, k) => { const d = Math.hypot(points[index][0] - q[0], points[index][1] - q[1]); if (!piece.includes(k) && d < gap) { gap = d; nearest = q; } });
+    points.forEach((q, k) => { const d = Math.hypot(points[index][0] - q[0], points[index][1] - q[1]); if (d < gap && !own.has(k)) { gap = d; nearest = q; } });
     return { index, gap, nearest };
-  })).sort((a, b) => a.index - b.index);
+  }); }).sort((a, b) => a.index - b.index);
 }
 
 /** Edges [i, j] of the shortest tree over the targets, without those longer than reach. */
@@ -86,12 +85,8 @@ export class Seed {
 
   at(event) { const box = this.canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; }
 
-  robotAt([px, py]) {
-    return this.map.view?.robots.find((r) => { if (r.x === undefined) return false; const [x, y] = this.map.toScreen(r.x, r.y); return Math.hypot(x - px, y - py) < this.map.radius + 6; });
-  }
-
   down(event) {
-    const px = this.at(event), robot = this.robotAt(px);
+    const px = this.at(event), robot = this.map.robotAt(px);
     if (robot) { this.map.selected = this.map.selected === robot.id ? null : robot.id; this.changed(); return; }
     if (!this.open || event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);

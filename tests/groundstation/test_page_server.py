@@ -89,6 +89,7 @@ class Served:
         self.thread.join(10.0)
 
     def socket(self, **options: Any) -> ClientConnection:
+        """To be used in a ``with`` block."""
         return connect(f"ws://127.0.0.1:{self.port}/ws", compression=None, **options)
 
     def socket_by_name(self, name: str) -> ClientConnection:
@@ -170,10 +171,10 @@ def test_stop_works_whatever_the_body_and_wherever_from(served: Served, body: by
 
 def test_only_this_page_gets_a_socket_and_may_order(served: Served) -> None:
     here = f"http://127.0.0.1:{served.port}"
-    with pytest.raises(InvalidStatus):
-        served.socket(origin="http://elsewhere.example")
-    with pytest.raises(InvalidStatus):
-        served.socket_by_name("rebound.example")
+    with pytest.raises(InvalidStatus), served.socket(origin="http://elsewhere.example"):
+        pass
+    with pytest.raises(InvalidStatus), served.socket_by_name("rebound.example"):
+        pass
     assert not served.wire.sent
     with served.socket(origin=here) as browser:
         assert ask(browser, do="order", order="arm") == ""
@@ -274,26 +275,35 @@ def test_what_a_browser_may_not_say_is_answered(served: Served) -> None:
 
 def test_a_frozen_browser_delays_no_other(served: Served) -> None:
     """It takes nothing, its buffers fill, and the other still gets every new view."""
-    frozen = served.socket(max_queue=1, close_timeout=0.1)
-    kinds(frozen, "layout")
-    (stuck,) = served.page.clients
-    with served.socket() as live:
-        kinds(live, "view")
-        stuck.answer({"kind": "filler", "text": "x" * 40_000_000})
-        stamps = [kinds(live, "view")["t"] for _ in range(40)]
-        assert stamps == sorted(set(stamps))
-    frozen.socket.close()
+    with served.socket(max_queue=1, close_timeout=0.1) as frozen:
+        kinds(frozen, "layout")
+        (stuck,) = served.page.clients
+        with served.socket() as live:
+            kinds(live, "view")
+            stuck.answer({"kind": "filler", "text": "x" * 40_000_000})
+            stamps = [json.loads(live.recv(timeout=10))["t"] for _ in range(60)]
+            assert stamps == sorted(set(stamps))
+        frozen.socket.close()
 
 
-def test_the_slot_keeps_only_the_newest_view() -> None:
-    async def scene() -> list[bytes]:
-        client = Client()
+def test_the_slots_keep_only_the_newest_and_never_poses_alone_of_what_was_not_taken() -> None:
+    async def scene() -> list[list[bytes]]:
+        client, taken = Client(), []
         for view in (b"1", b"2", b"3"):
             client.offer(view)
+            client.move(view + b"a")
+            client.move(view + b"b")
         client.answer({"kind": "answer"})
-        return await client.next()
+        taken.append(await client.next())
+        client.move(b"3c")
+        client.offer(b"4")
+        taken.append(await client.next())
+        client.move(b"4a")
+        client.move(b"4b")
+        taken.append(await client.next())
+        return taken
 
-    assert asyncio.run(scene()) == [b'{"kind":"answer"}', b"3"]
+    assert asyncio.run(scene()) == [[b'{"kind":"answer"}', b"3", b"3b"], [b"4"], [b"4b"]]
 
 
 @pytest.mark.parametrize(

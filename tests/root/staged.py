@@ -293,6 +293,9 @@ class Still(Page):
     def view(self, now_ns: int) -> dict[str, Any]:
         return self._fixed
 
+    def poses(self, now_ns: int) -> None:
+        return None
+
 
 class Served:
     """A page's server in a thread, at ``url``."""
