@@ -26,7 +26,7 @@ class WheelScale(NamedTuple):
 
 def saturate(left: float, right: float, limit: float) -> tuple[float, float]:
     """Both wheels divided by max(1, |peak| / limit): curvature is kept."""
-    if -limit <= left <= limit and -limit <= right <= limit:
+    if abs(left) <= limit and abs(right) <= limit:
         return left, right
     peak = max(abs(left), abs(right))
     return left * limit / peak, right * limit / peak
@@ -37,8 +37,8 @@ class Odometer:
 
     def __init__(self, scale: WheelScale, bits: int | None = None) -> None:
         self._units_per_rad = scale.units_per_rad
-        self._span = 0 if bits is None else 1 << bits
-        self._half = self._span // 2
+        self._span = math.inf if bits is None else 1 << bits
+        self._half = math.inf if bits is None else 1 << (bits - 1)
         self._last: float | None = None
         self._travelled = 0.0
 
@@ -46,7 +46,7 @@ class Odometer:
         """Angle in rad after this reading; the first reading is zero."""
         if self._last is not None:
             delta = position - self._last
-            if self._span and not -self._half <= delta < self._half:
+            if abs(delta) >= self._half:
                 delta = (delta + self._half) % self._span - self._half
             self._travelled += delta
         self._last = position

@@ -35,6 +35,7 @@ class WheelMotor:
         self.name = name
         self.device = device
         self.speed = speed
+        self._speed_units = speed.units_per_rad
         self.position = position
         self._bits = bits
         self.forget()
@@ -52,10 +53,20 @@ class WheelMotor:
 
     def take_speed(self, units: float) -> str:
         """Note a speed in device units; the counter to raise if it cannot be."""
-        radps = units / self.speed.units_per_rad
+        radps = units / self._speed_units
         if not -MAX_RADPS <= radps <= MAX_RADPS:
             return "implausible_speed"
         self.radps = radps
+        return ""
+
+    def take_motion(self, speed: float, position: float) -> str:
+        """Note both, in device units, unless the speed cannot be; the counter to raise then."""
+        radps = speed / self._speed_units
+        if not -MAX_RADPS <= radps <= MAX_RADPS:
+            return "implausible_speed"
+        self.radps = radps
+        self.angle_rad = self._odometer.update(position)
+        self.moved = True
         return ""
 
     def take_position(self, units: float) -> None:

@@ -46,7 +46,8 @@ class Gate:
 
     def __init__(self, limits: GateLimits) -> None:
         self.limits = limits
-        self._top_radps, self._slew_radps2, self._age_ns = limits
+        self._top_radps, self._age_ns = limits.max_wheel_radps, limits.command_age_ns
+        self._slew_radps_per_ns = limits.max_slew_radps2 * 1e-9
         self.state = GateState.DISARMED
         self.counters: Counter[str] = Counter()
         self._last = ZERO
@@ -72,16 +73,17 @@ class Gate:
         """What may be sent for a command computed at ``stamp_ns``: itself, shrunk, or zero."""
         if left_radps == 0.0 and right_radps == 0.0:
             return self._hold(now_ns)
-        if not (self.state is _ARMED and self._last_ns <= now_ns and 0 <= now_ns - stamp_ns <= self._age_ns):
+        elapsed_ns = now_ns - self._last_ns
+        if self.state is not _ARMED or elapsed_ns < 0 or not 0 <= now_ns - stamp_ns <= self._age_ns:
             return self._refuse(stamp_ns, now_ns)
         top = self._top_radps
-        growth = self._slew_radps2 * (now_ns - self._last_ns) * 1e-9
+        growth = self._slew_radps_per_ns * elapsed_ns
         last_left, last_right = self._last
         if (
-            -top <= left_radps <= top
-            and -top <= right_radps <= top
-            and -growth <= left_radps - last_left <= growth
-            and -growth <= right_radps - last_right <= growth
+            abs(left_radps) <= top
+            and abs(right_radps) <= top
+            and abs(left_radps - last_left) <= growth
+            and abs(right_radps - last_right) <= growth
         ):
             permitted = left_radps, right_radps
         elif math.isfinite(left_radps) and math.isfinite(right_radps):

@@ -67,11 +67,11 @@ class GatedDrive:
         elif permitted != speeds:
             speeds = WheelSpeeds(*permitted)
         self.inner.write(speeds, now_ns)
-        self.health.command(*permitted)
+        self.health.command = permitted
 
     def poll(self, now_ns: int) -> None:
         if self.gate.tick(now_ns) is not None:
-            self.health.command(*STANDSTILL)
+            self.health.command = STANDSTILL
             self.inner.write(STANDSTILL, now_ns)
         self.inner.poll(now_ns)
 
@@ -106,7 +106,7 @@ class GatedDrive:
 
     def stop(self, now_ns: int) -> None:
         self.gate.stop(now_ns)
-        self.health.command(*STANDSTILL)
+        self.health.command = STANDSTILL
         self.inner.stop(now_ns)
 
     def deactivate(self, now_ns: int) -> None:

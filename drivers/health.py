@@ -28,6 +28,8 @@ class Complaint(NamedTuple):
 class _Wheel:
     """One wheel: since when, and at which angle, its last progress."""
 
+    __slots__ = ("_agreed_ns", "_angle_rad", "_moved_ns", "command_radps", "name")
+
     def __init__(self, name: str) -> None:
         self.name = name
         self.command_radps = 0.0
@@ -36,14 +38,14 @@ class _Wheel:
         self._agreed_ns = 0
 
     def measured(self, command_radps: float, sure_radps: float, radps: float, angle_rad: float, now_ns: int) -> None:
-        if -sure_radps < command_radps < sure_radps:
+        if abs(command_radps) < sure_radps:
             command_radps = 0.0
         if command_radps * self.command_radps <= 0.0:
             self._moved_ns = self._agreed_ns = now_ns
         self.command_radps = command_radps
-        if not -STEP_RAD <= angle_rad - self._angle_rad <= STEP_RAD:
+        if abs(angle_rad - self._angle_rad) > STEP_RAD:
             self._angle_rad, self._moved_ns = angle_rad, now_ns
-        if radps * command_radps >= 0.0 or -SURE_RADPS < radps < SURE_RADPS:
+        if radps * command_radps >= 0.0 or abs(radps) < SURE_RADPS:
             self._agreed_ns = now_ns
 
     def complaint(self, heard_ns: int) -> Complaint | None:
@@ -74,28 +76,25 @@ class Health:
         self._active = False
         self._heard_ns = 0
         self._volts: float | None = None
-        self._command = (0.0, 0.0)
+        self.command = (0.0, 0.0)
+        """What leaves for the wheels, left and right in rad/s; judged by the samples that follow."""
         self._wheels = (_Wheel("left"), _Wheel("right"))
 
     def start(self, now_ns: int) -> None:
         """The motors were enabled."""
-        self._active, self._heard_ns, self._volts, self._command = True, now_ns, None, (0.0, 0.0)
+        self._active, self._heard_ns, self._volts, self.command = True, now_ns, None, (0.0, 0.0)
         self._wheels = (_Wheel("left"), _Wheel("right"))
 
     def rest(self) -> None:
         """They were disabled."""
         self._active = False
 
-    def command(self, left_radps: float, right_radps: float) -> None:
-        """What leaves for the wheels; judged by the samples that follow."""
-        self._command = left_radps, right_radps
-
     def measured(self, sample: WheelFeedback, now_ns: int) -> None:
         """What came back."""
         self._heard_ns = now_ns
         self._volts = sample.bus_v
         left, right = self._wheels
-        left_radps, right_radps = self._command
+        left_radps, right_radps = self.command
         left.measured(left_radps, self._sure_radps, sample.left_radps, sample.left_rad, now_ns)
         right.measured(right_radps, self._sure_radps, sample.right_radps, sample.right_rad, now_ns)
 

@@ -172,10 +172,7 @@ class Drive(CanDrive[Options, _Axis]):
             estimates = codec.decode_estimates(frame.data)
             if estimates is None:
                 return "bad_estimates"
-            refusal = motor.take_speed(estimates.velocity_revps)
-            if not refusal:
-                motor.take_position(estimates.position_rev)
-            return refusal
+            return motor.take_motion(estimates.velocity_revps, estimates.position_rev)
         if command == codec.HEARTBEAT:
             heartbeat = codec.decode_heartbeat(frame.data, self.options.dialect)
             if heartbeat is None:

@@ -7,6 +7,7 @@ Delay (register 9, 0.5 ms by default before every reply) is set to 0. XL330-M077
 """
 
 import struct
+from itertools import cycle
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -46,7 +47,7 @@ def check(options: Options, path: str) -> list[Fault]:
     return pair_faults(options.left, options.right, path)
 
 
-_MOTION = struct.Struct("<ii")
+_motion = struct.Struct("<ii").unpack
 
 
 class _Servo(WheelMotor):
@@ -65,6 +66,7 @@ class Drive(SerialDrive[Options]):
     CYCLE_BYTES = 24 + 16 + 2 * 19
     """Sync write of two goals, sync read of two present speeds and positions, two replies."""
     VOLTAGE_EVERY = 50
+    """In polls."""
 
     def __init__(self, robot: str, options: Options, site: Site, port: BytePort) -> None:
         self._reader = codec.PacketReader()
@@ -76,8 +78,10 @@ class Drive(SerialDrive[Options]):
         self._goals = codec.GoalWriter(GOAL_VELOCITY, options.left, options.right)
         self._left_units, self._right_units = (servo.speed.units_per_rad for servo in self._servos)
         self._by_id = {servo.device: servo for servo in self._servos}
-        self._request = codec.sync_read(tuple(self._by_id), PRESENT_VELOCITY, 8)
-        self._polls = 0
+        motion = codec.sync_read(tuple(self._by_id), PRESENT_VELOCITY, 8)
+        voltage = codec.read(options.left, INPUT_VOLTAGE, 2)
+        self._requests = cycle([motion + voltage, *[motion] * (self.VOLTAGE_EVERY - 1)])
+        self._alert = False
 
     def configure(self) -> None:
         counts = int(self.site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9)
@@ -115,23 +119,21 @@ class Drive(SerialDrive[Options]):
         self.line.send(self._goals.packet(round(left * self._left_units), round(right * self._right_units)))
 
     def poll(self, now_ns: int) -> None:
-        self._polls += 1
-        request = self._request
-        if self._polls % self.VOLTAGE_EVERY == 1:
-            request += codec.read(self._servos[0].device, INPUT_VOLTAGE, 2)
-        for servo in self._servos:
-            if servo.alert and not servo.hardware_error:
-                request += codec.read(servo.device, HARDWARE_ERROR, 1)
-                break
+        request = next(self._requests)
+        if self._alert:
+            for servo in self._servos:
+                if servo.alert and not servo.hardware_error:
+                    request += codec.read(servo.device, HARDWARE_ERROR, 1)
+                    break
         self.line.send(request)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
         for device, error, data in self._reader.feed(self.line.receive()):
             self._take(device, error, data)
         left, right = self._servos
+        self._alert = alert = left.alert or right.alert
         if left.radps is None or right.radps is None:
             return None
-        alert = left.alert or right.alert
         sample = self.feedback(
             now_ns,
             (left.radps, left.angle_rad),
@@ -202,12 +204,9 @@ class Drive(SerialDrive[Options]):
             name = codec.ERROR_NAMES.get(error & 0x7F, str(error & 0x7F))
             self.line.counters["refused_" + name.replace(" ", "_")] += 1
         elif len(data) == 8:
-            velocity, position = _MOTION.unpack(data)
-            refusal = servo.take_speed(velocity)
+            refusal = servo.take_motion(*_motion(data))
             if refusal:
                 self.line.counters[refusal] += 1
-            else:
-                servo.take_position(position)
         elif len(data) == 2:
             self.bus_v = min(int.from_bytes(data, "little") * 0.1, 100.0)
         elif len(data) == 1:

@@ -20,7 +20,9 @@ MAX_LENGTH = 250
 ALERT = 0x80
 """Bit of a status packet's error byte: look at the hardware error register."""
 HEAD_BYTES = 9
-"""Of a status packet, up to its error byte."""
+"""Of a status packet: header, id, length, instruction, error byte."""
+_head_at = struct.Struct("<4sBHBB").unpack_from
+_crc_at = struct.Struct("<H").unpack_from
 _STUFFED = b"\xff\xff\xfd\xfd"
 ERROR_NAMES = {1: "result fail", 2: "instruction", 3: "crc", 4: "data range", 5: "data length", 6: "limit", 7: "access"}
 
@@ -88,41 +90,43 @@ class PacketReader:
         buffer = self._buffer + data
         packets: list[Status] = []
         at, size = 0, len(buffer)
-        while at < size:
-            if not buffer.startswith(HEADER, at):
-                start = buffer.find(HEADER, at)
-                if start < 0:
-                    start = size - next((n for n in (3, 2, 1) if n <= size - at and HEADER[:n] == buffer[-n:]), 0)
-                if start > at:
-                    self.counters["stray_bytes"] += start - at
-                    at = start
-                    continue
-                break
-            if size < at + 7:
-                break
-            length = buffer[at + 5] | buffer[at + 6] << 8
+        while size - at >= HEAD_BYTES:
+            header, device, length, instruction, error = _head_at(buffer, at)
+            if header != HEADER:
+                start = _next_header(buffer, at)
+                self.counters["stray_bytes"] += start - at
+                at = start
+                continue
             if not 4 <= length <= MAX_LENGTH:
                 self.counters["bad_length"] += 1
                 at += 4
                 continue
-            end = at + 7 + length
-            if size < end:
+            end = at + 5 + length
+            if size < end + 2:
                 break
-            if crc16(buffer[at : end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
+            if crc16(buffer[at:end]) != _crc_at(buffer, end)[0]:
                 self.counters["bad_crc"] += 1
                 at += 4
                 continue
-            if buffer[at + 7] == STATUS:
-                body = buffer[at + HEAD_BYTES : end - 2]
+            if instruction == STATUS:
+                body = buffer[at + HEAD_BYTES : end]
                 if _STUFFED in body:
                     body = body.replace(_STUFFED, b"\xff\xff\xfd")
-                packets.append((buffer[at + 4], buffer[at + 8], body))
+                packets.append((device, error, body))
             else:
                 self.counters["not_status"] += 1
-            at = end
+            at = end + 2
         self._buffer = buffer[at:]
         return packets
 
     def reset(self) -> None:
         """Forget what has arrived: the port was reopened."""
         self._buffer = b""
+
+
+def _next_header(buffer: bytes, at: int) -> int:
+    """Where behind ``at`` a header stands, or may begin with the last bytes."""
+    start = buffer.find(HEADER, at)
+    if start >= 0:
+        return start
+    return len(buffer) - next((n for n in (3, 2, 1) if buffer.endswith(HEADER[:n])), 0)

@@ -5,6 +5,7 @@ The device has no enable: any speed command drives, duty zero releases. Its seri
 back before anything may move.
 """
 
+from itertools import cycle
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -17,13 +18,17 @@ from drivers.family import MAX_RADPS, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import roboclaw_codec as codec
 from drivers.serial.family import SerialDrive, SerialOptions, open_port
+from drivers.serial.roboclaw_codec import GET_ENCODERS, GET_SPEEDS, SPEED_BOTH
 
 __all__ = ["Drive", "Options", "check", "open_port"]
 
 Channel = Annotated[int, Meta(ge=1, le=2, description="motor output: 1 for M1, 2 for M2")]
 
 SPEED_LIMIT_QPPS = (1 << 31) - 1
-MOTION = (codec.GET_ENCODERS, codec.GET_SPEEDS)
+SETPOINT = (SPEED_BOTH,)
+MOTION = (GET_ENCODERS, GET_SPEEDS)
+STATUS_EVERY, BATTERY_EVERY = 10, 50
+"""In polls."""
 
 
 class Options(SerialOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,11 +54,8 @@ class Drive(SerialDrive[Options]):
     CYCLE_BYTES = 12 + 1 + (2 + 10) + (2 + 10)
     """37 with its acknowledgement, 78 and 79 with their replies."""
     ANSWER_S = 0.25
-    STATUS_EVERY = 10
     ACK_NS = 60_000_000
     """Setpoints unacknowledged for longer have not reached the controller."""
-    BATTERY_EVERY = 50
-    """In polls."""
 
     def __init__(self, robot: str, options: Options, site: Site, port: BytePort) -> None:
         self._replies = codec.Replies(options.address)
@@ -67,14 +69,11 @@ class Drive(SerialDrive[Options]):
         self._left_units, self._right_units = self._left.units_per_rad, self._right.units_per_rad
         self._address = options.address
         self._swapped = options.left == 2
-        self._position: tuple[float, float] | None = None
-        self._speed: tuple[float, float] | None = None
+        self._counts: tuple[int, ...] | None = None
+        self._speeds: tuple[int, ...] | None = None
+        """Of both channels, since the last sample."""
         self._faults: tuple[str, ...] = ()
-        self._polls = 0
-        self._requests = tuple(
-            (commands, b"".join(codec.read_packet(options.address, command) for command in commands))
-            for commands in (MOTION, (*MOTION, codec.GET_STATUS), (*MOTION, codec.GET_MAIN_BATTERY))
-        )
+        self._questions = cycle(_questions(options.address))
         self._acked_ns = 0
         """When a setpoint was last acknowledged."""
 
@@ -87,6 +86,7 @@ class Drive(SerialDrive[Options]):
             )
         self.open()
         self._replies.reset()
+        self._counts = self._speeds = None
         try:
             self._identify(tenths)
         except Exception:
@@ -96,7 +96,7 @@ class Drive(SerialDrive[Options]):
     def activate(self, now_ns: int) -> None:
         self._left_odometer = Odometer(self._left, 32)
         self._right_odometer = Odometer(self._right, 32)
-        if self._ask(codec.speed_both(self.options.address, 0, 0), codec.SPEED_BOTH) is None:
+        if self._ask(codec.speed_both(self.options.address, 0, 0), SPEED_BOTH) is None:
             raise self.line.lost("the zero setpoint is not acknowledged")
         self._acked_ns = self.line.port.now_ns()
         status = self._ask(codec.read_packet(self.options.address, codec.GET_STATUS), codec.GET_STATUS)
@@ -114,7 +114,7 @@ class Drive(SerialDrive[Options]):
         if self._swapped:
             m1, m2 = m2, m1
         if self.line.send(codec.speed_both(self._address, round(m1), round(m2))):
-            self._replies.expect(now_ns, codec.SPEED_BOTH)
+            self._replies.expect(now_ns, SETPOINT)
 
     def poll(self, now_ns: int) -> None:
         """Ask for telemetry; not while setpoints go unacknowledged, for a read feeds the time-out as well
@@ -122,33 +122,34 @@ class Drive(SerialDrive[Options]):
         deaf = self.active and now_ns - self._acked_ns > self.ACK_NS
         if deaf or not self._replies.ready(now_ns):
             return
-        self._polls += 1
-        which = 1 if self._polls % self.STATUS_EVERY == 1 else 2 if self._polls % self.BATTERY_EVERY == 2 else 0
-        commands, packets = self._requests[which]
+        commands, packets = next(self._questions)
         if self.line.send(packets):
-            self._replies.expect(now_ns, *commands)
+            self._replies.expect(now_ns, commands)
 
     def read(self, now_ns: int) -> WheelFeedback | None:
         for command, data in self._replies.feed(self.line.receive(), now_ns):
-            if command == codec.SPEED_BOTH:
+            if command == SPEED_BOTH:
                 self._acked_ns = now_ns
-            elif command == codec.GET_ENCODERS:
-                left, right = codec.decode_encoders(data)
-                if self._swapped:
-                    left, right = right, left
-                self._position = self._left_odometer.update(left), self._right_odometer.update(right)
-            elif command == codec.GET_SPEEDS:
-                self._take_speeds(data)
+            elif command == GET_ENCODERS:
+                self._counts = codec.decode_encoders(data)
+            elif command == GET_SPEEDS:
+                self._speeds = codec.decode_speeds(data)
             else:
                 self._take(command, data)
-        if self._position is None or self._speed is None:
+        if self._counts is None or self._speeds is None:
             return None
-        (left_rad, right_rad), (left_radps, right_radps) = self._position, self._speed
-        self._position = self._speed = None
+        (left, right), (left_speed, right_speed) = self._counts, self._speeds
+        self._counts = self._speeds = None
+        if self._swapped:
+            left, right, left_speed, right_speed = right, left, right_speed, left_speed
+        left_radps, right_radps = left_speed / self._left_units, right_speed / self._right_units
+        if abs(left_radps) > MAX_RADPS or abs(right_radps) > MAX_RADPS:
+            self.line.counters["implausible_speed"] += 1
+            return None
         return self.feedback(
             now_ns,
-            (left_radps, left_rad),
-            (right_radps, right_rad),
+            (left_radps, self._left_odometer.update(left)),
+            (right_radps, self._right_odometer.update(right)),
             enabled="estop" not in self._faults,
             faults=self._faults,
         )
@@ -199,17 +200,7 @@ class Drive(SerialDrive[Options]):
 
     def _send(self, packet: bytes, command: int, now_ns: int) -> None:
         if self.line.send(packet):
-            self._replies.expect(now_ns, command)
-
-    def _take_speeds(self, data: bytes) -> None:
-        left, right = codec.decode_speeds(data)
-        if self._swapped:
-            left, right = right, left
-        left_radps, right_radps = left / self._left_units, right / self._right_units
-        if -MAX_RADPS <= left_radps <= MAX_RADPS and -MAX_RADPS <= right_radps <= MAX_RADPS:
-            self._speed = left_radps, right_radps
-        else:
-            self.line.counters["implausible_speed"] += 1
+            self._replies.expect(now_ns, (command,))
 
     def _take(self, command: int, data: bytes) -> None:
         if command == codec.GET_STATUS:
@@ -218,3 +209,11 @@ class Drive(SerialDrive[Options]):
             volts = codec.decode_battery(data)
             if volts <= 100.0:
                 self.bus_v = volts
+
+
+def _questions(address: int) -> list[tuple[tuple[int, ...], bytes]]:
+    """Commands and packets of ``BATTERY_EVERY`` polls in turn: motion each time, status and battery now and then."""
+    turns: list[tuple[int, ...]] = [MOTION] * BATTERY_EVERY
+    turns[::STATUS_EVERY] = [(*MOTION, codec.GET_STATUS)] * (BATTERY_EVERY // STATUS_EVERY)
+    turns[1] = (*MOTION, codec.GET_MAIN_BATTERY)
+    return [(commands, b"".join(codec.read_packet(address, command) for command in commands)) for commands in turns]

@@ -13,8 +13,8 @@ CRC-16/XMODEM (poly 0x1021, init 0). A gap of more than 10 ms discards a packet.
 import re
 import struct
 from binascii import crc_hqx
-from collections import Counter, deque
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 
 SET_TIMEOUT = 14
 GET_TIMEOUT = 15
@@ -28,8 +28,8 @@ GET_STATUS = 90
 RESET_ESTOP = 200
 
 ACK = 0xFF
-REPLY_BYTES = {GET_TIMEOUT: 1, GET_MAIN_BATTERY: 2, GET_ENCODERS: 8, GET_SPEEDS: 8, GET_STATUS: 4}
-"""Data bytes of each reply, CRC not counted; GET_VERSION ends with a zero byte, 48 at most."""
+REPLY_BYTES = {GET_TIMEOUT: 1, GET_VERSION: 0, GET_MAIN_BATTERY: 2, GET_ENCODERS: 8, GET_SPEEDS: 8, GET_STATUS: 4}
+"""Data bytes of each reply, CRC not counted; GET_VERSION, 0 here, ends with a zero byte, 48 at most."""
 MAX_VERSION = 48
 
 ERRORS = 0xFFFF
@@ -123,10 +123,15 @@ class Replies:
 
     def __init__(self, address: int) -> None:
         self.counters: Counter[str] = Counter()
-        self._seeds = {command: crc_hqx(bytes((address, command)), 0) for command in (GET_VERSION, *REPLY_BYTES)}
-        """CRC of what a reply's CRC covers besides its data."""
-        self._pending: deque[tuple[int, int]] = deque()
-        """Commands, and when each was sent."""
+        self._forms = {
+            command: (crc_hqx(bytes((address, command)), 0), length + 2 if length else 0)
+            for command, length in REPLY_BYTES.items()
+        }
+        """CRC of what a reply's CRC covers besides its data, and bytes of data and CRC; 0 for a version."""
+        self._pending: list[int] = []
+        """Commands sent and not answered."""
+        self._since_ns = 0
+        """When the oldest of them became the one that is waited for."""
         self._buffer = b""
         self._quiet_until_ns = 0
         self._late_acks = 0
@@ -144,13 +149,14 @@ class Replies:
         """Replies outstanding."""
         return len(self._pending)
 
-    def expect(self, now_ns: int, *commands: int) -> None:
+    def expect(self, now_ns: int, commands: Sequence[int]) -> None:
         """Packets were sent; commands without an entry in ``REPLY_BYTES`` are acknowledged writes."""
         if now_ns >= self._quiet_until_ns:
-            for command in commands:
-                self._pending.append((command, now_ns))
+            if not self._pending:
+                self._since_ns = now_ns
+            self._pending.extend(commands)
             return
-        writes = sum(command not in self._seeds for command in commands)
+        writes = sum(command not in self._forms for command in commands)
         self._late_acks = min(self._late_acks + writes, 8)
 
     def feed(self, data: bytes, now_ns: int) -> list[Reply]:
@@ -160,39 +166,45 @@ class Replies:
             return []
         buffer = self._buffer + data
         replies: list[Reply] = []
-        pending = self._pending
+        pending, forms = self._pending, self._forms
         at, size = 0, len(buffer)
-        while pending and at < size:
-            command = pending[0][0]
-            seed = self._seeds.get(command)
-            if seed is None:
-                if buffer[at] != ACK:
-                    self._resynchronise("bad_ack", now_ns)
-                    return replies
-                end, body = at + 1, b""
-            else:
-                end = at + (REPLY_BYTES.get(command) or _version_bytes(buffer, at)) + 2
+        for command in pending:
+            form = forms.get(command)
+            if form is not None:
+                seed, length = form
+                end = at + (length or _version_bytes(buffer, at) + 2)
                 if size < end:
                     break
-                body = buffer[at : end - 2]
-                if crc_hqx(buffer[at:end], seed):
-                    if self._late_acks and buffer[at] == ACK:
-                        self._late_acks -= 1
-                        self.counters["late_ack"] += 1
-                        at += 1
-                        continue
-                    self._resynchronise("bad_crc", now_ns)
-                    return replies
+                answer = buffer[at:end]
+                if crc_hqx(answer, seed):
+                    if not self._late_acks or answer[0] != ACK:
+                        self._resynchronise("bad_crc", now_ns)
+                        return replies
+                    del pending[: len(replies)]
+                    self._late_acks -= 1
+                    self.counters["late_ack"] += 1
+                    self._buffer = buffer[at + 1 :]
+                    return replies + self.feed(b"", now_ns)
                 self._late_acks = 0
-            at = end
-            pending.popleft()
-            replies.append((command, body))
+                at = end
+                replies.append((command, answer[:-2]))
+            elif at == size:
+                break
+            elif buffer[at] == ACK:
+                at += 1
+                replies.append((command, b""))
+            else:
+                self._resynchronise("bad_ack", now_ns)
+                return replies
         self._buffer = buffer[at:]
+        if replies:
+            del pending[: len(replies)]
+            self._since_ns = now_ns
         if not pending:
             if self._buffer:
                 self.counters["stray_bytes"] += len(self._buffer)
                 self._buffer = b""
-        elif now_ns - pending[0][1] > self.REPLY_NS:
+        elif now_ns - self._since_ns > self.REPLY_NS:
             self._resynchronise("no_reply", now_ns)
         return replies
 

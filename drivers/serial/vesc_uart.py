@@ -166,9 +166,8 @@ class Drive(SerialDrive[Options]):
             return "foreign_packet"
         if not 0.0 <= volts <= 100.0:
             return "bad_values"
-        refusal = motor.take_speed(erpm)
+        refusal = motor.take_motion(erpm, tachometer)
         if not refusal:
-            motor.take_position(tachometer)
             self.bus_v = volts
             self._codes[device] = fault
         return refusal

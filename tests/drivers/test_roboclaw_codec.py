@@ -40,7 +40,7 @@ COMMANDS = (codec.SPEED_BOTH, codec.GET_ENCODERS, codec.GET_SPEEDS)
 
 def expecting(*commands: int) -> codec.Replies:
     replies = codec.Replies(ADDRESS)
-    replies.expect(0, *commands)
+    replies.expect(0, commands)
     return replies
 
 
@@ -95,21 +95,21 @@ def test_resynchronisation_waits_for_quiet_then_pairs_afresh() -> None:
     assert replies.feed(b"\x00" + STREAM, 1) == []
     assert replies.counters == {"bad_ack": 1}
     assert replies.quiet(2)
-    replies.expect(3, codec.SPEED_BOTH)
+    replies.expect(3, (codec.SPEED_BOTH,))
     assert replies.feed(b"\xff", 4) == []
     assert replies.counters["discarded_bytes"] == 1
     later = 1 + replies.QUIET_NS
     assert not replies.quiet(later)
-    replies.expect(later, codec.GET_ENCODERS)
+    replies.expect(later, (codec.GET_ENCODERS,))
     assert [command for command, _ in replies.feed(reply(codec.GET_ENCODERS, ENCODERS), later)] == [codec.GET_ENCODERS]
 
 
 def test_an_acknowledgement_that_outlives_the_quiet_time_is_skipped() -> None:
     replies = expecting(codec.SPEED_BOTH)
     replies.feed(b"\x00", 1)
-    replies.expect(2, codec.SPEED_BOTH)
+    replies.expect(2, (codec.SPEED_BOTH,))
     later = 1 + replies.QUIET_NS
-    replies.expect(later, codec.GET_ENCODERS)
+    replies.expect(later, (codec.GET_ENCODERS,))
     taken = replies.feed(b"\xff" + reply(codec.GET_ENCODERS, ENCODERS), later + 1)
     assert [command for command, _ in taken] == [codec.GET_ENCODERS]
     assert replies.counters["late_ack"] == 1
