@@ -23,10 +23,11 @@ PATIENCE_S = 40.0
 class Running:
     """An arena of processes, the station in this one, and everything the emulated motors saw."""
 
-    def __init__(self, out: Path, robots: int, targets: int, seed: int = 1, record: bool = False) -> None:
-        self.arena = rig.mock_arena(
-            rig.find_arena("experiment2"), out, rig.Changes(robots=robots, targets=targets, seed=seed)
-        )
+    def __init__(
+        self, out: Path, robots: int, targets: int, seed: int = 1, record: bool = False, arena: str = "experiment2"
+    ) -> None:
+        changes = rig.Changes(robots=robots, targets=targets, seed=seed)
+        self.arena = rig.mock_arena(rig.find_arena(arena), out, changes)
         self.out = out
         self.rig = rig.Rig(self.arena, out, record=record)
         self.motors: dict[str, MotorBatch] = {}
