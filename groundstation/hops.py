@@ -1,26 +1,16 @@
 """The way of a lockstep mission from bodies to agents and back: the interface, and the way without bytes. Pure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from contract.arena import Arena
 from contract.messages import BodyPose, Message, MocapFrame, WheelFeedback
 from contract.units import metres, radians
+from groundstation.plant import Body, Plant
 from onboard.agent import Agent, Drive
-from onboard.ahdc.stopping import Brake, rim_after
-from onboard.odometry import Pose, advance
-
-REST = (0.0, 0.0)
-COAST = Brake(0.6, 0.0)
-"""How released motors roll on unless an arena file says otherwise."""
-
-
-class Plant(NamedTuple):
-    """One robot's body and motors at the start of a mission."""
-
-    pose: Pose
-    brake: Brake
+from onboard.ahdc.parameters import Vector
+from onboard.ahdc.stopping import Brake
+from onboard.odometry import Pose
 
 
 class Hops(Protocol):
@@ -39,6 +29,9 @@ class Hops(Protocol):
 
     def pose(self, name: str) -> Pose:
         """True pose, as of the last :meth:`advance`."""
+
+    def places(self) -> dict[str, Vector]:
+        """Where all robots truly are, m, as of the last :meth:`advance`."""
 
     def place(self, name: str, pose: Pose) -> None:
         """A hand puts the robot there."""
@@ -65,43 +58,6 @@ class Hops(Protocol):
         """The robot's process stands still, or goes on: nothing is written, read or asked for meanwhile."""
 
 
-@dataclass
-class Body:
-    """One robot's motors and body."""
-
-    pose: Pose
-    brake: Brake
-    left_mps: float = 0.0
-    right_mps: float = 0.0
-    command: tuple[float, float] = (0.0, 0.0)
-    time_ns: int = 0
-    release_ns: int | None = None
-    """When the device watchdog lets go of the motors, unless it is fed before."""
-    coast: Brake = COAST
-
-    def advance(self, now_ns: int, wheel_separation_m: float) -> None:
-        if self.release_ns is not None and self.time_ns < self.release_ns < now_ns:
-            self._advance(self.release_ns, wheel_separation_m)
-        self._advance(now_ns, wheel_separation_m)
-
-    def _advance(self, now_ns: int, wheel_separation_m: float) -> None:
-        duration_s = (now_ns - self.time_ns) * 1e-9
-        if duration_s <= 0:
-            return
-        released = self.release_ns is not None and self.time_ns >= self.release_ns
-        self.time_ns = now_ns
-        command, brake = (REST, self.coast) if released else (self.command, self.brake)
-        left, right = self.left_mps, self.right_mps
-        if left == 0.0 == right and command == REST:
-            return
-        left, left_m = rim_after(left, command[0], brake, duration_s)
-        right, right_m = rim_after(right, command[1], brake, duration_s)
-        if -1e-7 < left < 1e-7 and abs(left) + abs(right) < 1e-7:
-            left = right = 0.0
-        self.left_mps, self.right_mps = left, right
-        self.pose = advance(self.pose, (left_m + right_m) / 2, (right_m - left_m) / wheel_separation_m, 1.0)
-
-
 class ShortCut:
     """:class:`Hops` without bytes: messages as they are, a command acts at once, feedback is the truth."""
 
@@ -112,6 +68,7 @@ class ShortCut:
         self._agents = agents
         coast = Brake(arena.platform.coast_deceleration_mps2, 0.0)
         self._bodies = {name: Body(*plant, coast=coast) for name, plant in plants.items()}
+        self._everybody = list(self._bodies.values())
         self._watchdog_ns = int(arena.safety.watchdog_s * 1e9)
         self._separation_m = arena.platform.wheel_separation_m
         self._radius_m = arena.platform.wheel_radius_m
@@ -123,15 +80,18 @@ class ShortCut:
 
     def advance(self, now_ns: int) -> None:
         separation_m = self._separation_m
-        for body in self._bodies.values():
+        for body in self._everybody:
             if body.time_ns < now_ns:
                 body.advance(now_ns, separation_m)
 
     def pose(self, name: str) -> Pose:
         return self._bodies[name].pose
 
+    def places(self) -> dict[str, Vector]:
+        return {name: (body.x_m, body.y_m) for name, body in self._bodies.items()}
+
     def place(self, name: str, pose: Pose) -> None:
-        self._bodies[name].pose = pose
+        self._bodies[name].place(pose)
 
     def frame(self, now_ns: int, seen: Mapping[str, Pose]) -> MocapFrame:
         frame = MocapFrame(

@@ -30,7 +30,8 @@ from contract.messages import (
 from contract.units import metres, radians
 from groundstation.conditions import Conditions
 from groundstation.connectivity import summary
-from groundstation.hops import Hops, Plant, ShortCut
+from groundstation.hops import Hops, ShortCut
+from groundstation.plant import Plant
 from groundstation.referee import Referee
 from groundstation.result import Result, TimeBook
 from groundstation.targets import Scenario, lower_bound_s
@@ -164,25 +165,29 @@ class World:
         What arrives while a robot waits for its motors reaches it afterwards, but for frames: newer ones follow.
         """
         limit_ns = self._begin_ns + RUN_NS + int(mission_s * 1e9)
-        done = False
-        while not done and self.now_ns < limit_ns:
-            arrived = self._turn()
-            total = len(self.scenario.targets)
-            known = arrived and self._running and self._known_occupied.bit_count() >= total
-            done = known and self._occupied() == total
-        return done
+        total = len(self.scenario.targets)
+        while self._play(limit_ns):
+            if self._running and self._known_occupied.bit_count() >= total and self._occupied() == total:
+                return True
+        return False
 
-    def _turn(self) -> bool:
-        """Let the next thing happen; True where it was a frame's arrival."""
-        self.now_ns, _, kind, name, what = heapq.heappop(self._queue)
-        if kind != "tick" and (name in self._hung or name in self.offline):
-            return False
-        if name and (free_ns := self.hops.free_ns(name)) > self.now_ns:
-            if kind != "arrival":
-                self._at(free_ns, kind, name, what)
-            return False
-        self._handlers[kind](name, what)
-        return kind == "arrival"
+    def _play(self, limit_ns: int) -> bool:
+        """Let things happen until a frame has arrived somewhere, then True, or until that time."""
+        queue, handlers, hung, offline = self._queue, self._handlers, self._hung, self.offline
+        pop, free_of = heapq.heappop, self.hops.free_ns if self.wired else None
+        while self.now_ns < limit_ns:
+            self.now_ns, _, kind, name, what = pop(queue)
+            if name:
+                if kind != "tick" and (name in hung or name in offline):
+                    continue
+                if free_of is not None and (free_ns := free_of(name)) > self.now_ns:
+                    if kind != "arrival":
+                        self._at(free_ns, kind, name, what)
+                    continue
+            handlers[kind](name, what)
+            if kind == "arrival":
+                return True
+        return False
 
     def _at(self, when_ns: int, kind: str, name: str, what: Any) -> None:
         self._count += 1
@@ -384,7 +389,10 @@ class World:
 
     def _on_check(self, _: str, __: Any) -> None:
         self.hops.advance(self.now_ns)
-        self.referee.look({name: self.hops.pose(name)[:2] for name in self.agents if name not in self.excluded})
+        places = self.hops.places()
+        for name in self.excluded:
+            places.pop(name, None)
+        self.referee.look(places)
         if self.tap is not None and (self.now_ns - self._begin_ns) % TRUTH_NS == 0:
             self._tell_truth()
         self._at(self.now_ns + SUBSTEP_NS, "check", "", None)
@@ -395,8 +403,8 @@ class World:
         if self.tap is not None and self._running:
             late_ns = self.now_ns + LAST_WORDS_NS
             whole = (1 << len(self.scenario.targets)) - 1
-            while completed and self._told_occupied != whole and self.now_ns < late_ns:
-                self._turn()
+            while completed and self._told_occupied != whole and self._play(late_ns):
+                pass
             self._tell_status("completed" if completed else "failed", "" if completed else "time up")
         return found
 

@@ -16,7 +16,7 @@ from drivers.lifecycle import Wheels
 from drivers.mock.host import EmulatedWheels
 from drivers.mock.wire import VirtualClock
 from drivers.registry import open_robot
-from groundstation.hops import Plant
+from groundstation.plant import Plant
 from mocap_bridge.mock.bodies import BodyState, settings_of
 from mocap_bridge.mock.server import EmulatedServer
 from mocap_bridge.natnet import version
@@ -97,6 +97,9 @@ class Wire:
 
     def pose(self, name: str) -> Pose:
         return Pose(*self.emulated.pose(name))
+
+    def places(self) -> dict[str, tuple[float, float]]:
+        return {name: self.emulated.pose(name)[:2] for name in self._agents}
 
     def place(self, name: str, pose: Pose) -> None:
         self.emulated.robots[name].body.place(*pose)

@@ -1,5 +1,6 @@
 """Crowds are looked at by cells of the floor: what comes out is what a look at every pair would give."""
 
+import itertools
 import math
 import random
 
@@ -52,6 +53,47 @@ def test_the_referee_sees_in_a_crowd_what_it_sees_pair_by_pair(seed: int, monkey
     monkeypatch.setattr(referees, "CROWD", 0)
     assert judged(walk) == pair_by_pair
     assert pair_by_pair[0] or pair_by_pair[1]
+
+
+def whole(places: dict[str, tuple[float, float]], radius_m: float) -> bool:
+    """Whether everybody is reached from the first, hop by hop."""
+    inside, frontier = set(), [next(iter(places))]
+    while frontier:
+        inside.add(here := frontier.pop())
+        frontier += [
+            name for name in places if name not in inside and math.dist(places[here], places[name]) <= radius_m
+        ]
+    return len(inside) == len(places)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("cells", [False, True])
+def test_the_referee_misses_nothing_between_two_looks_at_everybody(
+    seed: int, cells: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Robots that wander, stand, jump and leave, against a plain look at every pair and every path."""
+    if cells:
+        monkeypatch.setattr(referees, "CROWD", 0)
+    rng = random.Random(seed)
+    swarm = {name: (rng.uniform(0.0, 1.5), rng.uniform(0.0, 1.5)) for name in "abcdef"}
+    referee, partings, collisions, least_m, touching = Referee(1.0, 0.14), 0, 0, math.inf, set()
+    for moment in range(600):
+        stride_m = rng.choice((0.0, 0.003, 0.003, 0.02))
+        swarm = {n: (x + rng.gauss(0, stride_m), y + rng.gauss(0, stride_m)) for n, (x, y) in swarm.items()}
+        if moment % 97 == 96:
+            swarm[rng.choice(list(swarm))] = (rng.uniform(0.0, 2.0), rng.uniform(0.0, 2.0))
+        if moment == 400:
+            del swarm["c"]
+        referee.look(swarm)
+        partings += not whole(swarm, 1.0)
+        for pair in itertools.combinations(swarm, 2):
+            distance_m = math.sqrt(sum((b - a) ** 2 for a, b in zip(*(swarm[name] for name in pair), strict=True)))
+            least_m = min(least_m, distance_m)
+            collisions += distance_m < 0.14 and pair not in touching
+            (touching.add if distance_m < 0.14 else touching.discard)(pair)
+        assert (referee.disconnected, referee.collisions) == (partings, collisions)
+        assert referee.min_distance_m == pytest.approx(least_m, abs=1e-12)
+    assert collisions or partings
 
 
 def test_a_mission_is_the_same_where_robots_are_given_only_what_is_near(monkeypatch: pytest.MonkeyPatch) -> None:

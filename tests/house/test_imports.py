@@ -25,6 +25,7 @@ MAY_IMPORT_ROOMS = {
     "groundstation/lockstep.py": EVERY_ROOM,
     "groundstation/membership.py": {"contract", "onboard"},
     "groundstation/mock_arena.py": EVERY_ROOM,
+    "groundstation/plant.py": {"contract", "onboard"},
     "groundstation/replaying.py": {"contract", "onboard"},
     "groundstation/rig.py": EVERY_ROOM,
     "groundstation/stage_mock.py": {"contract", "drivers"},
@@ -33,6 +34,7 @@ MAY_IMPORT_ROOMS = {
 }
 """onboard/runtime.py turns wheels; rig.py and mock_arena.py compose a mission's processes; hops.py, lockstep.py and
 wire.py play a mission in one process and virtual time, which takes agents, drivers and motion capture together;
+plant.py is its motors and bodies, by the brake model of the law;
 membership.py restarts agents in it; replaying.py feeds a recording to the very agent."""
 DEVICES = {"can", "serial", "socket", "zenoh", "mcap"}
 MACHINE = {"asyncio", "logging", "multiprocessing", "select", "selectors", "signal", "subprocess", "threading", "time"}
