@@ -76,7 +76,8 @@ function drawTrails(c, map, trails, now) {
     if (!trail?.length) return;
     let step = -1, bx = 0, by = 0;
     for (const point of trail) {
-      const age = Math.min(FADES - 1, Math.floor((now - point.t) / TRAIL_MS * FADES)), x = map.px(point.x, point.y), y = map.py(point.x, point.y);
+      const age = Math.max(0, Math.floor((now - point.t) / TRAIL_MS * FADES)), x = map.px(point.x, point.y), y = map.py(point.x, point.y);
+      if (age >= FADES) continue;
       if (age === step) c.lineTo(x, y);
       else {
         if (step >= 0) { c.lineTo(x, y); c.stroke(); }
@@ -86,6 +87,7 @@ function drawTrails(c, map, trails, now) {
       }
       bx = x; by = y;
     }
+    if (step < 0) return;
     if (map.seen[k] && Math.hypot(map.sx[k] - bx, map.sy[k] - by) < 3 * map.radius) c.lineTo(map.sx[k], map.sy[k]);
     c.stroke();
   });

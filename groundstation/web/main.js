@@ -235,6 +235,7 @@ $("release-form").addEventListener("submit", async (event) => {
 let saved = null;
 try { saved = localStorage.getItem("theme"); } catch { saved = null; }
 document.documentElement.dataset.theme = saved || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+document.fonts.addEventListener("loadingdone", repaint); // what was drawn before has other letters
 setInterval(() => keepUp(performance.now()), 100); // a page in the background gets no frames
 requestAnimationFrame(loop);
 connect();
