@@ -315,7 +315,18 @@ def digest(arena: Arena) -> str:
     """Twelve hexadecimal digits that differ whenever two resolved arena files differ in what robots must agree on.
 
     Left out: how software gets to a robot, where each computer keeps its certificates, where the router listens.
+    An arena is never changed in place; the digits of the one asked about last are kept.
     """
+    known = _digested[0]
+    if known is None or known[0] is not arena:
+        known = _digested[0] = (arena, _digest(arena))
+    return known[1]
+
+
+_digested: list[tuple[Arena, str] | None] = [None]
+
+
+def _digest(arena: Arena) -> str:
     table = table_of(arena)
     del table["deploy"]
     for name in ("keys", "listen"):

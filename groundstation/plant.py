@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import cos, sin
 from typing import NamedTuple
 
-from onboard.ahdc.parameters import Vector
+from onboard.ahdc.parameters import Vector, record
 from onboard.ahdc.stopping import Brake, rim_after
 from onboard.odometry import Pose
 
@@ -45,7 +45,7 @@ class Body:
 
     @property
     def pose(self) -> Pose:
-        return Pose(self.x_m, self.y_m, self.heading_rad)
+        return record(Pose, (self.x_m, self.y_m, self.heading_rad))
 
     def place(self, pose: Pose) -> None:
         """Put it there."""

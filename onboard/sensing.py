@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from contract.messages import MocapFrame, NeighbourState, TargetCloud
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Sighted
+from onboard.cloud import Cloud, cells_of
 from onboard.odometry import Pose
 
 VELOCITY_BASE_NS = 40_000_000
@@ -61,7 +62,7 @@ class Sensing:
         self._own: tuple[Pose, int] | None = None
         self._others: dict[str, Track] = {}
         self._heard: dict[str, tuple[NeighbourState, int]] = {}
-        self._cloud: dict[int, tuple[float, float]] = {}
+        self._cloud = Cloud(())
         self._near: list[tuple[int, tuple[float, float]]] = []
         """Targets that can be within r_c while the robot is within ``NEAR_M`` of ``_near_of``, in either axis."""
         self._near_of = NOWHERE
@@ -96,7 +97,7 @@ class Sensing:
 
     def cloud(self, cloud: TargetCloud) -> bool:
         """Take the targets; True where they are another mission's, so that all that was known of targets is void."""
-        self._cloud = {target.index: (target.x_m, target.y_m) for target in cloud.targets}
+        self._cloud = cells_of(cloud.targets)
         self._near_of = NOWHERE
         new = cloud.mission != self.mission
         if new:
@@ -167,11 +168,7 @@ class Sensing:
         if not (abs(x - near_x) <= NEAR_M and abs(y - near_y) <= NEAR_M):
             self._near_of = (x, y)
             reach_m = self._radius_m + 2 * NEAR_M
-            self._near = [
-                (index, place)
-                for index, place in self._cloud.items()
-                if abs(place[0] - x) <= reach_m and abs(place[1] - y) <= reach_m
-            ]
+            self._near = self._cloud.about(x, y, reach_m)
         square = self._radius_m * self._radius_m
         result = {}
         for index, place in self._near:
