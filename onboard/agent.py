@@ -238,7 +238,7 @@ class Agent:
             self.controller.think(view)
         if self._going_home:
             self.homing.aside = self.supervisor.aside
-            decision = self.homing.decide(view)
+            decision = self.homing.decide(view, self._commanded)
         else:
             decision = self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)

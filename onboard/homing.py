@@ -3,9 +3,10 @@
 Direction: of those that are free for a quarter of a metre, the one nearest to the way home; robots at rest are
 discs just too large to touch, moving ones larger; of two equal ways round, the right-hand one, so that robots
 that meet pass each other. Speed: what stops within the free length and at home. A robot that comes no nearer for
-a while makes a detour; which way differs from robot to robot and from time to time, so that a jam dissolves. The
-supervisor's fence and separation stand behind all of it. Where starts are too near to each other to pass between,
-the station tells robots to wait aside (groundstation/parking.py).
+a while makes a detour; which way differs from robot to robot and from time to time, so that a jam dissolves. Wheels
+that do not turn at a creeping command are given faster ones (onboard/dead_zone.py), and home is then as near, and
+faced as exactly, as such wheels can come to. The supervisor's fence and separation stand behind all of it. Where starts
+are too near to each other to pass between, the station tells robots to wait aside (groundstation/parking.py).
 """
 
 import math
@@ -16,6 +17,7 @@ from zlib import crc32
 from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps
 from onboard.ahdc.view import Decision, Sighted, View
+from onboard.dead_zone import ROLL_S, DeadZone
 from onboard.limits import Bounds
 from onboard.unicycle import fold, rims, steer
 
@@ -74,6 +76,7 @@ class Homing:
         self._bounds = bounds
         (weak, _), (_, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
         self._brake = Brake(weak, slow + 2 * period_s)
+        self._wheels = DeadZone(SPEED_SHARE * parameters.max_speed_mps)
         self._side = -1
         self._goal: Vector = home[:2]
         self._best_m = math.inf
@@ -84,12 +87,18 @@ class Homing:
     def begin(self, now_s: float) -> None:
         """Progress counts from here."""
         self.arrived = False
+        self._wheels.forget(now_s)
         self._best_m, self._progress_s = math.inf, now_s
         self._detour_until_s = -math.inf
 
-    def decide(self, view: View) -> Decision:
-        """Rim speeds of this step, m/s."""
-        motion, p = view.motion, self._parameters
+    def decide(self, view: View, told_mps: Vector = (0.0, 0.0)) -> Decision:
+        """Rim speeds of this step, m/s.
+
+        :param told_mps: rim speeds that left for the wheels in the last step.
+        """
+        motion = view.motion
+        peak_mps = max(abs(motion.left_mps), abs(motion.right_mps))
+        self._wheels.saw(max(map(abs, told_mps)), peak_mps, view.now_s)
         if not view.may_move:
             self._progress_s = max(self._progress_s, view.now_s)
             return Decision(0.0, 0.0, "hold")
@@ -98,20 +107,31 @@ class Homing:
         if goal != self._goal:
             self._goal, self._best_m, self._progress_s = goal, math.inf, view.now_s
         away_m = math.dist(own, goal)
-        if self.aside is not None and away_m <= LEFT_M:
+        if self.aside is not None and away_m <= LEFT_M + self._roll_m:
             self.arrived = False
             return Decision(0.0, 0.0, "home")
-        still = max(abs(motion.left_mps), abs(motion.right_mps)) < RESTING_MPS
-        if self.aside is None and away_m <= (LEFT_M if self.arrived else ARRIVED_M):
+        still = peak_mps < RESTING_MPS
+        if self.aside is None and away_m <= (LEFT_M if self.arrived else ARRIVED_M) + self._roll_m:
             error = fold(self.home.heading_rad - motion.heading_rad)
-            facing = abs(error) < (2 * FACING_RAD if self.arrived else FACING_RAD)
+            facing_rad = FACING_RAD + self._wheels.least_mps * ROLL_S / self._parameters.wheel_separation_m
+            facing = abs(error) < (2 * facing_rad if self.arrived else facing_rad)
             self.arrived = facing and (still or self.arrived)
             turn = 0.0 if facing else max(-SPIN_RADPS, min(SPIN_RADPS, TURN_GAIN_PER_S * error))
-            return Decision(*rims(0.0, turn, p.wheel_separation_m, p.max_speed_mps), "home")
+            return self._drive(0.0, turn)
         self.arrived = False
         discs = [disc for disc in map(self._disc, view.sighted.values()) if math.dist(own, disc[:2]) < REACH_M]
         speed, turn = steer(self._velocity(own, goal, discs, view.now_s), motion.heading_rad)
-        return Decision(*rims(speed, turn, p.wheel_separation_m, p.max_speed_mps), "home")
+        return self._drive(speed, turn)
+
+    @property
+    def _roll_m(self) -> float:
+        return self._wheels.roll_m(self._brake.deceleration_mps2)
+
+    def _drive(self, speed_mps: float, turn_radps: float) -> Decision:
+        p = self._parameters
+        return Decision(
+            *self._wheels.raised(*rims(speed_mps, turn_radps, p.wheel_separation_m, p.max_speed_mps)), "home"
+        )
 
     def _disc(self, seen: Sighted) -> Disc:
         """Another robot, predicted to now."""

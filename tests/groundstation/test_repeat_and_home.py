@@ -3,6 +3,7 @@
 import math
 import random
 
+import msgspec
 import pytest
 
 from contract.arena import Arena, parse
@@ -156,3 +157,35 @@ def test_home_is_refused_with_the_reason_while_a_robot_has_no_pose_or_wheels_are
     swarm.phase("armed", 2.0)
     swarm.order("home")
     assert swarm.session.detail == "home refused while armed"
+
+
+VESC = {
+    "kind": "vesc",
+    "channel": "can0",
+    "interface": "slcan",
+    "left": 1,
+    "right": 2,
+    "pole_pairs": 7,
+    "min_erpm": 100.0,
+    "watchdog_s": 0.2,
+}
+
+
+def test_robots_whose_wheels_cannot_creep_come_home_by_very_bytes() -> None:
+    """VESCs without a gearbox: below 45 mm/s their wheels stand."""
+    base = arena_of(2, gap_m=1.0)
+    robots = {
+        name: msgspec.structs.replace(robot, wheels=VESC, emulate=("wheels", "body"))
+        for name, robot in base.robots.items()
+    }
+    arena = msgspec.structs.replace(base, robots=robots)
+    swarm = Virtual(arena, cloud_of((2.0, 3.0)), [Pose(0.9, 1.6, 2.0), Pose(2.0, 1.2, -2.5)], wired=True)
+    swarm.until(lambda: "belongs" in swarm.session.detail or swarm.session.phase == "ready", 5.0)
+    swarm.order("home")
+    swarm.phase("homing", 0.1)
+    swarm.until(lambda: swarm.session.phase != "homing", 60.0)
+    assert swarm.session.detail == "all robots at home"
+    for name, robot in arena.robots.items():
+        pose = swarm.pose(name)
+        assert math.dist(pose[:2], robot.start) < 0.05, name
+        assert abs(math.remainder(pose.heading_rad - robot.heading_rad, math.tau)) < 0.35, name

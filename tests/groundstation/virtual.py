@@ -1,15 +1,18 @@
 """A station's session and the robots' very agents in virtual time, without bytes: what orders make of a swarm."""
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from contract.arena import Arena
 from contract.keys import Keys
 from contract.messages import Message, NeighbourState, OrderRequest, Request, RobotReport, TargetCloud
 from groundstation.course import Plan
-from groundstation.hops import Plant, ShortCut
+from groundstation.hops import Hops, Plant, ShortCut
 from groundstation.session import Session
+from groundstation.wire import Wire
 from onboard.agent import Agent
 from onboard.ahdc.stopping import Brake
+from onboard.inbox import read
 from onboard.odometry import Pose
 
 MS = 1_000_000
@@ -20,14 +23,19 @@ BRAKE = Brake(1.8, 0.1)
 class Virtual:
     """Frames and control steps every 10 ms, the station every 50 ms; every message arrives at once."""
 
-    def __init__(self, arena: Arena, cloud: TargetCloud, poses: Iterable[Pose], plan: Plan | None = None) -> None:
+    def __init__(
+        self, arena: Arena, cloud: TargetCloud, poses: Iterable[Pose], plan: Plan | None = None, wired: bool = False
+    ) -> None:
+        """:param wired: the wheels' and motion capture's very bytes."""
         self.arena = arena
         self.keys = Keys(arena.arena.name)
         self.agents = {name: Agent(arena, name, boot=1) for name in arena.robots}
         plants = {name: Plant(pose, BRAKE) for name, pose in zip(arena.robots, poses, strict=True)}
-        self.hops = ShortCut(arena, plants, self.agents)
+        self.hops: Hops[Any] = (
+            Wire(arena, plants, self.agents, seed=1) if wired else ShortCut(arena, plants, self.agents)
+        )
         self.session = Session(arena, cloud, 1, plan or Plan(), 0)
-        self.now_ns = 0
+        self.now_ns = PERIOD_NS * (self.hops.begin_ns // PERIOD_NS + 1) if isinstance(self.hops, Wire) else 0
         self.said: list[Message] = []
         """Of the last period."""
         self.least_m = float("inf")
@@ -48,14 +56,16 @@ class Virtual:
         self.now_ns += PERIOD_NS
         self.hops.advance(self.now_ns)
         frame = self.hops.frame(self.now_ns, {name: self.pose(name) for name in self.agents})
-        self.session.receive(frame, self.now_ns)
+        if frame is not None:
+            seen = read(self.keys, self.keys.mocap_frame, frame) if isinstance(frame, bytes) else frame
+            self.session.receive(seen, self.now_ns)
         if self.now_ns % (5 * PERIOD_NS) == 0 and not self.silence:
             self.session.advance(self.now_ns)
             for message in (self.session.cloud, self.session.heartbeat(self.now_ns)):
                 self._deliver("", message)
         self.said = []
         for name, agent in self.agents.items():
-            due = self.hops.deliver(name, self.keys.mocap_frame, frame, self.now_ns)
+            due = frame is not None and self.hops.deliver(name, self.keys.mocap_frame, frame, self.now_ns)
             self.hops.sense(name, self.now_ns)
             self.hops.drive(name, agent.step(self.now_ns) if due else agent.tick(self.now_ns), self.now_ns)
             for _, message in agent.outbox(self.now_ns):
