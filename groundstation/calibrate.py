@@ -14,13 +14,12 @@ from typing import Any
 from contract import overlay
 from contract.arena import Arena, load
 from contract.messages import FeedbackBatch, Message, MocapFrame, StepBatch
+from groundstation.brake_fit import Brakes, fit_brakes
 from groundstation.calibration import (
-    Brakes,
     CalibrationError,
     Geometry,
     Pose,
     Turned,
-    fit_brakes,
     fit_geometry,
     fit_heading_offset,
     windows,
@@ -128,7 +127,10 @@ def estimate(arena: Arena, robot: str, streams: Streams) -> Found:
         notes.append(f"heading offset left alone: {error}")
     try:
         brakes = fit_brakes(sorted(set(streams.poses)), streams.stops_s)
-        notes.append(f"{brakes.stops} stops")
+        notes.append(
+            f"{brakes.stops} stops; each fit knows the deceleration to {brakes.deceleration_share:.1%} or better, "
+            f"the lag to {brakes.lag_share:.1%}"
+        )
         table["control"] = {"field": _intervals(brakes)}
     except CalibrationError as error:
         notes.append(f"brakes left alone: {error}")

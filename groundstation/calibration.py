@@ -2,7 +2,7 @@
 
 Wheel radii and separation follow from the differential drive's own equations over short windows,
 ``turn = (r_R dR - r_L dL) / b`` and ``way = (r_L dL + r_R dR) / 2``, the way being the chord
-corrected for the arc. Brakes are fitted to ``dv/dt = clip((command - v) / lag, +-a)``.
+corrected for the arc. Brakes: :mod:`groundstation.brake_fit`.
 """
 
 import math
@@ -20,8 +20,6 @@ MAX_STEP_RAD = 6.0
 LEAST_WAY_M = 1.0
 LEAST_TURN_RAD = 3.0
 """To be seen in each direction: a spin one way cannot tell separation from a crooked heading."""
-LEAST_STOP_MPS = 0.25
-STOP_S = 0.6
 
 Numbers = NDArray[np.float64]
 
@@ -56,14 +54,6 @@ class Geometry(NamedTuple):
     way_rms_m: float
     turn_rms_rad: float
     windows: int
-
-
-class Brakes(NamedTuple):
-    """Intervals over all stops seen."""
-
-    deceleration_mps2: tuple[float, float]
-    lag_s: tuple[float, float]
-    stops: int
 
 
 class Windows(NamedTuple):
@@ -157,59 +147,3 @@ def fit_heading_offset(seen: Windows) -> float:
         raise CalibrationError("less than 0.5 m of straight travel; drive straight for a while")
     weights = np.abs(seen.way_m[straight])
     return float(np.angle(np.sum(weights * np.exp(1j * seen.course_rad[straight]))))
-
-
-def way_of_stop(time_s: Numbers, speed_mps: float, lag_s: float, deceleration_mps2: float) -> Numbers:
-    """Way rolled after the command to stop."""
-    knee = deceleration_mps2 * lag_s
-    ramp_s = max(0.0, speed_mps - knee) / deceleration_mps2
-    early, late = np.minimum(time_s, ramp_s), np.maximum(time_s - ramp_s, 0.0)
-    rest = min(speed_mps, knee)
-    return speed_mps * early - 0.5 * deceleration_mps2 * early**2 + rest * lag_s * (1.0 - np.exp(-late / lag_s))
-
-
-def fit_stop(time_s: Numbers, way_m: Numbers, speed_mps: float) -> tuple[float, float]:
-    """(deceleration, lag) of one stop: a grid, twice refined."""
-    best, span = (2.0, 0.1), (4.0, 4.0)
-    for _ in range(4):
-        decelerations = best[0] * np.geomspace(1 / span[0], span[0], 25)
-        lags = best[1] * np.geomspace(1 / span[1], span[1], 25)
-        found = [
-            (float(np.sum((way_of_stop(time_s, speed_mps, lag, a) - way_m) ** 2)), float(a), float(lag))
-            for a in decelerations
-            for lag in lags
-        ]
-        _, *pair = min(found)
-        best, span = (pair[0], pair[1]), (span[0] ** 0.3, span[1] ** 0.3)
-    return best
-
-
-def fit_brakes(poses: Sequence[Pose], stops_s: Sequence[float], reserve: float = 0.05) -> Brakes:
-    """Brake interval over all stops from a straight run.
-
-    :param stops_s: when a command to stop was written.
-    :param reserve: share by which the interval is widened at both ends.
-    :raises CalibrationError: no stop from ``LEAST_STOP_MPS`` or more.
-    """
-    body = np.array(poses)
-    pairs = []
-    for stop_s in stops_s:
-        run = body[(body[:, 0] >= stop_s - 0.1) & (body[:, 0] <= stop_s)]
-        roll = body[(body[:, 0] >= stop_s) & (body[:, 0] <= stop_s + STOP_S)]
-        if len(run) < 5 or len(roll) < 20 or abs(roll[-1, 3] - run[0, 3]) > 0.2:
-            continue
-        slope_x, at_x = np.polyfit(run[:, 0] - stop_s, run[:, 1], 1)
-        slope_y, at_y = np.polyfit(run[:, 0] - stop_s, run[:, 2], 1)
-        speed = math.hypot(slope_x, slope_y)
-        if speed >= LEAST_STOP_MPS:
-            way = np.hypot(roll[:, 1] - at_x, roll[:, 2] - at_y)
-            pairs.append(fit_stop(roll[:, 0] - stop_s, way, speed))
-    if not pairs:
-        raise CalibrationError(
-            f"no stop from {LEAST_STOP_MPS:g} m/s or faster, straight ahead; drive and stop ten times"
-        )
-    decelerations, lags = [a for a, _ in pairs], [lag for _, lag in pairs]
-    low, high = 1.0 - reserve, 1.0 + reserve
-    return Brakes(
-        (low * min(decelerations), high * max(decelerations)), (low * min(lags), high * max(lags)), len(pairs)
-    )

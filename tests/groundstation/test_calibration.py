@@ -21,10 +21,14 @@ from contract.overlay import folder_of, overlaid, save
 from drivers.base import WheelSpeeds
 from drivers.trim import Trim
 from groundstation import calibrate
-from groundstation.calibration import CalibrationError, Pose, fit_stop, way_of_stop
+from groundstation.brake_fit import LEAST_STOPS, Brakes, fit_brakes, fit_stop, sureness, way_of_stop
+from groundstation.calibration import CalibrationError, Pose
 
 TRUE = SimpleNamespace(left=1.03, right=0.98, separation=1.05, offset=0.12)
 ROUTE = [(16, 16), (0, 0), (-16, -16), (0, 0), (8, -8), (-8, 8), (12, 6), (6, 12), (24, 24), (0, 0), (20, 20), (0, 0)]
+STOPS = [(speed, speed) for top in (18, -18, 22, -22, 24, -24) for speed in (top, 0)]
+LEGS = [(150, *speeds) for speeds in ROUTE] + [(75, *speeds) for speeds in STOPS]
+"""Steps of 10 ms at wheel speeds in rad/s."""
 
 
 def drive(bench: Bench, noise: random.Random | None = None) -> list[Message]:
@@ -36,8 +40,8 @@ def drive(bench: Bench, noise: random.Random | None = None) -> list[Message]:
     bench.start()
     heard: list[Message] = []
     frame = 0
-    for left, right in ROUTE:
-        for _ in range(150):
+    for steps, left, right in LEGS:
+        for _ in range(steps):
             frame += 1
             bench.drive.write(WheelSpeeds(left, right), bench.now_ns)
             bench.drive.poll(bench.now_ns)
@@ -138,6 +142,63 @@ def test_one_stop_is_fitted(deceleration: float, lag: float, speed: float) -> No
     times = np.arange(0.0, 0.6, 0.01)
     way = way_of_stop(times, speed, lag, deceleration)
     assert way_of_stop(times, speed, *reversed(fit_stop(times, way, speed))) == pytest.approx(way, abs=2e-3)
+
+
+def rolled(speed_mps: float, deceleration_mps2: float, lag_s: float, begin_s: float, error_m: float) -> list[Pose]:
+    """A straight run and a stop ``0.2 s`` after its beginning, seen at 100 Hz with an error that alternates."""
+    poses = []
+    for step in range(100):
+        time_s = 0.01 * step - 0.2
+        way = way_of_stop(np.array([max(0.0, time_s)]), speed_mps, lag_s, deceleration_mps2)[0] + speed_mps * min(
+            0.0, time_s
+        )
+        poses.append(Pose(begin_s + 0.2 + time_s, float(way) + error_m * (-1) ** step, 0.0, 0.0))
+    return poses
+
+
+def brakes_of(stops: list[tuple[float, float, float]], error_m: float = 0.0) -> Brakes:
+    """Of stops given by speed, deceleration and lag."""
+    poses = [pose for n, stop in enumerate(stops) for pose in rolled(*stop, 10.0 * n, error_m)]
+    return fit_brakes(poses, [10.0 * n + 0.2 for n in range(len(stops))])
+
+
+def test_nine_stops_make_an_interval_and_five_are_refused_with_the_likelihood() -> None:
+    stops = [(0.6, 1.8 + 0.05 * n, 0.08 + 0.005 * n) for n in range(LEAST_STOPS)]
+    brakes = brakes_of(stops, 2e-4)
+    assert brakes.stops == LEAST_STOPS
+    assert brakes.deceleration_mps2 == pytest.approx((0.95 * 1.8, 1.05 * 2.2), rel=0.03)
+    assert brakes.lag_s == pytest.approx((0.95 * 0.08, 1.05 * 0.12), rel=0.06)
+    assert 0.0 < brakes.deceleration_share < 0.03
+    with pytest.raises(CalibrationError, match=r"5 stops from 0\.25 m/s .*; 9 are needed.*four times in five"):
+        brakes_of(stops[:5], 2e-4)
+
+
+def test_stops_that_do_not_tell_deceleration_from_lag_do_not_count() -> None:
+    """From 0.3 m/s with a lag of 0.2 s the deceleration of 2 m/s2 is never reached."""
+    with pytest.raises(CalibrationError, match=r"0 stops .* and 12 more whose deceleration or lag .* to 10%"):
+        brakes_of([(0.3, 2.0, 0.2)] * 12, 2e-4)
+    times = np.arange(0.0, 0.6, 0.01)
+    slow = way_of_stop(times, 0.3, 0.2, 2.0)
+    assert sureness(times, slow, 0.3, (2.0, 0.2))[0] == math.inf
+    quick = way_of_stop(times, 0.8, 0.1, 2.0)
+    assert max(sureness(times, quick, 0.8, (2.0, 0.1))) < 0.01
+    with pytest.raises(CalibrationError, match="more whose deceleration or lag"):
+        brakes_of([(0.6, 2.0, 0.1)] * 12, 8e-3)
+
+
+def test_stops_on_different_floors_are_refused() -> None:
+    with pytest.raises(CalibrationError, match=r"10 stops know the middle deceleration to 1\d%"):
+        brakes_of([(0.7, 1.2 if n % 2 else 3.4, 0.08) for n in range(10)])
+
+
+def test_the_fits_own_uncertainty_is_that_of_many_noisy_stops() -> None:
+    rng = np.random.default_rng(1)
+    times = np.arange(0.0, 0.6, 0.01)
+    way = way_of_stop(times, 0.7, 0.1, 2.0)
+    noisy = [way + rng.normal(0.0, 1e-3, len(times)) for _ in range(30)]
+    fits = [fit_stop(times, seen, 0.7) for seen in noisy]
+    told = np.mean([sureness(times, seen, 0.7, fit) for seen, fit in zip(noisy, fits, strict=True)], axis=0)
+    assert np.std(np.log(fits), axis=0) == pytest.approx(told, rel=0.5)
 
 
 def test_too_little_motion_says_what_to_drive() -> None:
