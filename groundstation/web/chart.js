@@ -25,7 +25,7 @@ export function drawChart(canvas, data) {
   c.strokeStyle = color("--line"); c.lineWidth = 1;
   if (high > 1 && floor < 1) { c.beginPath(); c.moveTo(left, y(1)); c.lineTo(right, y(1)); c.stroke(); c.fillStyle = color("--ink2"); c.fillText("1", left - 8, y(1)); }
   c.strokeStyle = color("--ink3"); c.lineWidth = 1.5; c.beginPath(); c.moveTo(left, yf); c.lineTo(right, yf); c.stroke();
-  c.fillStyle = color("--ink2"); c.font = "650 14px Inter"; c.fillText(floor.toFixed(2).replace(/^0/, ""), left - 3, yf);
+  c.fillStyle = color("--ink2"); c.font = "650 14px Inter"; c.fillText(floor.toFixed(floor < 0.1 ? 3 : 2).replace(/^0/, ""), left - 3, yf);
   const points = data.history.filter((p) => p[0] >= begin - 1);
   c.save(); c.beginPath(); c.rect(left, 0, right - left, height); c.clip();
   c.strokeStyle = color("--blue"); c.lineWidth = 3; c.lineJoin = "round"; c.beginPath();

@@ -112,6 +112,7 @@ function drawAll() {
   drawRows(view, layout, map.selected, choose);
   seed.open = view.can.seed && !stopped;
   const placing = !stopped && (view.run.state === "DISARMED" || (view.run.state === "NO STATION" && !view.elapsed));
+  body.toggle("placing", placing);
   $("seed").hidden = !placing; $("release").hidden = !view.stop;
   $("chart-panel").hidden = placing || Boolean(view.stop || view.replay); $("log").hidden = placing && view.checks.length > 4;
   if (placing) {
@@ -125,7 +126,7 @@ function drawAll() {
   stop.draw();
   drawLegend(seed.open ? ["disarmed", "target", "attention", "kept", "fence"] : ["kept", "critical", "removed", ...(view.links.some((l) => l[2] === 3) ? ["unverified"] : []), "open", "seen", "tracked", "done", "fence"]);
   if (!$("chart-panel").hidden) {
-    html($("chart-now"), `<span>now ${view.l2.toFixed(2)}</span><span>floor ${layout.floor.toFixed(2)}</span><span>last 60 s</span>`);
+    html($("chart-now"), `<span>now ${view.l2.toFixed(2)}</span><span>floor ${layout.floor.toFixed(layout.floor < 0.1 ? 3 : 2)}</span><span>last 60 s</span>`);
     drawChart($("chart"), { history, marks, elapsed: view.elapsed, floor: layout.floor });
   }
 }

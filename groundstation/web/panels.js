@@ -19,7 +19,7 @@ export function drawBar(view, local) {
   look($("run-icon"), run.tone === "amber" ? "amber" : "");
   const cell = view.cell;
   text($("cell-label"), cell.label); text($("cell-big"), cell.big); text($("cell-of"), cell.of); text($("cell-sub"), cell.sub);
-  look($("cell"), `cell ${stop ? "" : cell.tone}${cell.big.length > 7 ? " long" : ""}`); $("bar").classList.toggle("trouble", !stop && Boolean(cell.tone));
+  look($("cell"), `cell ${stop ? "" : cell.tone}${cell.big.length > 7 ? " long" : ""}${!cell.tone && (cell.big + cell.of).length > 11 ? " wide" : ""}`); $("bar").classList.toggle("trouble", !stop && Boolean(cell.tone));
   html($("cell-icon"), stop || !cell.tone ? "" : `<span style="--hole:var(--red);display:contents">${cell.tone === "red" ? icons.fault : icons.caution}</span>`);
   const net = view.net, loud = Boolean(stop?.known && stop.silent.length) || local?.state === "NOT CONFIRMED";
   $("bar").classList.toggle("unconfirmed", loud);

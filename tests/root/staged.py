@@ -265,7 +265,17 @@ def crowd() -> Stage:
     return stage.reports("running", **special).status("running", 61.0, range(120))
 
 
+def unready() -> Stage:
+    """50 robots of which some are not ready: what is to be done must be seen beside their many rows."""
+    stage = Stage(PageState(many(), NOW_NS)).here()
+    stage.state.receive(cloud(POINTS), NOW_NS)
+    stage.poses({n: (*robot.start, 0.0) for n, robot in stage.arena.robots.items()})
+    waits = "; ".join(f"{name} does not report" for name in list(stage.arena.robots)[:4])
+    return stage.status("waiting", detail=waits).order("disarm").reports("disarmed", links=False)
+
+
 SCENES["m-many"] = crowd
+SCENES["m-waiting"] = unready
 
 
 class Still(Page):

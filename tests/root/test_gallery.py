@@ -23,7 +23,7 @@ PATIENCE_MS = 100_000
 WORDS = {
     "a": "DISARMED", "a-armed": "ARMED", "b-running": "RUNNING", "b-holding": "HOLDING", "b-completed": "COMPLETED",
     "b-homing": "HOMING", "c": "RUNNING", "c-station-gone": "NO STATION", "c-router-gone": "NO STATION",
-    "d": "STOPPED", "d-stopping": "STOPPING", "m": "RUNNING",
+    "d": "STOPPED", "d-stopping": "STOPPING", "m": "RUNNING", "m-waiting": "DISARMED",
 }  # fmt: skip
 
 SEEN = """([whole, touch]) => {
@@ -56,6 +56,8 @@ SEEN = """([whole, touch]) => {
     "hard to touch": shown("button").filter((n) => box(n).height < touch - 0.5).map(name),
     outside: shown("#bar, #map-panel, #rows, #actions button, #stop").filter((n) => out(box(n))).map(name),
     "cut off": shown(whole).filter(cut).map(name),
+    "hidden": shown("#seed .tools button, #checks li:first-child, #release-button, #chart-panel")
+      .filter((n) => box(n).bottom > box(document.getElementById("middle")).bottom + 1).map(name),
   };
 }"""
 WHOLE = """#run b, #run small, #cell b, #cell span, #cell p, #net p, #progress p, #time p, .row .title, .row .does,
@@ -127,7 +129,7 @@ def look(page: Page, size: str) -> list[str]:
     seen: dict[str, Any] = page.evaluate(SEEN, [WHOLE, LEAST_TOUCH_PX])
     same = [width - pad - column, height - pad - STOP_HIGH[size], column, STOP_HIGH[size]]
     found = [] if seen["stop"] == same else [f"STOP is elsewhere: {seen['stop']}"]
-    found += [f"{what}: {name}" for what in ("hard to touch", "outside", "cut off") for name in seen[what]]
+    found += [f"{what}: {name}" for what in ("hard to touch", "outside", "cut off", "hidden") for name in seen[what]]
     poor = [entry for entry in seen["contrasts"] if entry[0] < (3.0 if entry[1] else 4.5)]
     return found + [f"contrast {ratio:.2f}: {words}" for ratio, _, words in poor]
 
