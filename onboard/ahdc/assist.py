@@ -1,12 +1,15 @@
-"""HELP: a tracker that makes no progress floods a request, and the others come nearer.
+"""HELP: a tracker that makes no progress asks, and those that hold it back come nearer.
+
+A robot heeds a request that comes over a taut link, and passes it on over its own: so it goes along what holds the
+tracker back, and leaves alone who does not. One that stays open for ``OPEN_S`` concerns everybody.
 
 The shortest way left wins, the lower id between equals. A tracker nearer to its own target than the one that asks
 asks at once rather than turn away from it: two that pull the swarm apart would else both end far from their targets.
 """
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Container, Iterable
+from dataclasses import dataclass, field
 
 import msgspec
 
@@ -14,7 +17,8 @@ from contract.messages import Help
 from contract.units import metres
 
 PROGRESS_M = 0.02
-PATIENCE_S = 1.5
+PATIENCE_S = 0.6
+OPEN_S = 3.0
 LIMIT_S = 15.0
 SKIP_S = 5.0
 """A target given up after ``LIMIT_S`` is left alone this long."""
@@ -39,6 +43,8 @@ class Assist:
     _progress_s: float = 0.0
     _asked_s: float = 0.0
     _number: int = 0
+    _since_s: dict[tuple[str, int], float] = field(default_factory=dict)
+    """When each request that is told around here was first heard."""
 
     def start_tracking(self, now_s: float) -> None:
         """A new target: progress counts from here."""
@@ -63,15 +69,27 @@ class Assist:
     def stop_tracking(self) -> None:
         self.request = None
 
-    def listen(self, requests: Iterable[tuple[str, Help]], left_m: float = math.inf, now_s: float = 0.0) -> None:
+    def listen(
+        self,
+        requests: Iterable[tuple[str, Help]],
+        left_m: float = math.inf,
+        now_s: float = 0.0,
+        taut: Container[str] = (),
+    ) -> None:
         """Requests as (neighbour, its Help); keeps the first in rank at its fewest hops, hops below N.
 
         :param left_m: own way to the tracked target, infinite without one.
+        :param taut: neighbours whose link with this robot is taut.
         """
         best: Help | None = None
         via = ""
+        since_s, self._since_s = self._since_s, {}
         for neighbour, help_ in sorted(requests):
             if help_.robot == self.robot or help_.hops + 1 >= self.robots:
+                continue
+            key = (help_.robot, help_.number)
+            first_s = self._since_s.setdefault(key, since_s.get(key, now_s))
+            if neighbour not in taut and now_s - first_s < OPEN_S and not self._serves(key):
                 continue
             if best is None or (*_rank(help_), help_.hops + 1) < (*_rank(best), best.hops):
                 best = msgspec.structs.replace(help_, hops=help_.hops + 1)
@@ -81,6 +99,9 @@ class Assist:
         if self.request is not None and best is not None and _rank(self.request) < _rank(best):
             best = None
         self.heard, self.via = best, via if best is not None else ""
+
+    def _serves(self, request: tuple[str, int]) -> bool:
+        return self.heard is not None and (self.heard.robot, self.heard.number) == request
 
     @property
     def told(self) -> Help | None:

@@ -59,8 +59,8 @@ class FieldLaw:
         self._came_s: float | None = None
         self._parameters = parameters
         self._steer = steer
-        (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
-        self._approach = Brake((weak + strong) / 2, (quick + slow) / 2 + 2 * period_s)
+        (weak, _), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
+        self._approach = Brake(weak, (quick + slow) / 2 + 2 * period_s)
         self._turn_gain_per_s = turn_gain_per_s(slow + 2 * period_s)
         self._approach_m = 1.01 * stop_distance_m(parameters.max_speed_mps, self._approach)
         """Nearer to its goal than this a robot may have to be slower than u_max."""

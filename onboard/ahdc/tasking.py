@@ -20,6 +20,7 @@ from onboard.ahdc.cotr import (
 )
 from onboard.ahdc.memory import TargetMemory, from_hex
 from onboard.ahdc.parameters import Parameters, Vector
+from onboard.ahdc.relay import linked, relay_point
 from onboard.ahdc.view import Goal, View
 
 NO_HOPS = 1000
@@ -33,6 +34,10 @@ RETHINK_S = 0.1
 REACHED_SPEED_MPS = 0.05
 LEAD_M = 2.0
 """A start direction is a goal this far ahead."""
+RELAY_STOP_M = 0.05
+"""A relay is in its place this near to it."""
+TAUT_SHARE = 0.82
+"""A link longer than this share of r_c' may hold its robots back."""
 
 
 class Tasking:
@@ -114,7 +119,8 @@ class Tasking:
         if self._field:
             self._visible = memory.open()
             if requests or self.assist.heard is not None:
-                self.assist.listen(requests, self._left_m(view), view.now_s)
+                taut = [name for name, _ in requests if self._taut(view, name)]
+                self.assist.listen(requests, self._left_m(view), view.now_s, taut)
         else:
             self._visible = {k: p for k, p in view.targets.items() if memory.is_open(k)}
         self.indicator = is_indicator(self.task, self.target, self._visible)
@@ -122,6 +128,13 @@ class Tasking:
         self.hops = 0 if leads else nearest + 1
         if self.hops >= too_far:
             self.hops = NO_HOPS
+
+    def _taut(self, view: View, name: str) -> bool:
+        """Whether that neighbour keeps a link with this robot, and its length may hold either back."""
+        place = view.sighted.get(name)
+        if place is None or not linked(view.heard[name].state, self.robot):
+            return False
+        return math.dist(view.motion[:2], place[:2]) > TAUT_SHARE * self._parameters.link_radius_m
 
     def _learn_from(self, name: str, state: NeighbourState, now_s: float) -> None:
         """A neighbour's new message: occupied targets, sightings and claims."""
@@ -228,6 +241,9 @@ class Tasking:
             return self._towards(view, self.assist.via, HELP_STAND_OFF_M, "help")
         leader = self._leader(view)
         if leader is not None:
+            between = relay_point(view, self.robot, self.hops) if self._field else None
+            if between is not None:
+                return Goal(between, RELAY_STOP_M, "indicator")
             return self._towards(view, leader, STAND_OFF_M, "indicator")
         if not self.cloud_seen:
             angle = view.start_direction_rad

@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from contract.messages import Help
-from onboard.ahdc.assist import LIMIT_S, PATIENCE_S, Assist
+from contract.messages import Help, NeighbourState
+from onboard.ahdc.assist import LIMIT_S, OPEN_S, PATIENCE_S, Assist
 from onboard.ahdc.cotr import Claim, Task, reachable_target, spanning_excess_m, yields
 from onboard.ahdc.memory import TargetMemory, from_hex, to_hex
 from onboard.ahdc.plan import Motion
+from onboard.ahdc.relay import middle, relay_point
 from onboard.ahdc.tasking import NO_HOPS, Tasking
 from onboard.ahdc.view import Heard, Sighted, View
 from tests.onboard.samples import field_parameters, state
@@ -76,7 +77,7 @@ def test_help_is_asked_for_after_the_patience_and_given_up_after_the_limit() -> 
     assist.start_tracking(0.0)
     assert not assist.track(1.0, 0.0)
     assert not assist.track(0.9, 1.0)
-    assert not assist.track(0.89, 1.0 + PATIENCE_S)
+    assert not assist.track(0.89, 0.99 + PATIENCE_S)
     assert assist.request is None
     assert not assist.track(0.89, 1.01 + PATIENCE_S)
     assert assist.request is not None
@@ -89,7 +90,8 @@ def test_the_shortest_way_left_wins_and_hops_stay_below_the_number_of_robots(hea
     assist = Assist("r02", robots=4)
     assist.request = Help(robot="r02", hops=0, left_m=0.5)
     told_of = [Help(robot=robot, hops=hops, left_m=left_m) for robot, hops, left_m in heard]
-    assist.listen((f"r{k:02d}", help_) for k, help_ in enumerate(told_of, 10))
+    told_by = {f"r{k:02d}": help_ for k, help_ in enumerate(told_of, 10)}
+    assist.listen(told_by.items(), taut=told_by)
     fitting = [(left_m, robot, hops + 1) for robot, hops, left_m in heard if hops + 1 < 4]
     better = min((entry for entry in fitting if entry[:2] < (0.5, "r02")), default=None)
     told = assist.told
@@ -100,11 +102,11 @@ def test_the_shortest_way_left_wins_and_hops_stay_below_the_number_of_robots(hea
 def test_a_tracker_nearer_to_its_target_than_the_one_that_asks_keeps_it_and_asks_itself() -> None:
     far = [("r03", Help(robot="r01", hops=0, left_m=2.4))]
     nearer, farther, idle = (Assist("r02", robots=4) for _ in range(3))
-    nearer.listen(far, 0.4, 1.0)
+    nearer.listen(far, 0.4, 1.0, ["r03"])
     assert nearer.heard is None
     assert nearer.told == Help(robot="r02", hops=0, number=1, left_m=0.4)
-    farther.listen(far, 2.5, 1.0)
-    idle.listen(far)
+    farther.listen(far, 2.5, 1.0, ["r03"])
+    idle.listen(far, taut=["r03"])
     assert farther.via == idle.via == "r03"
     assert farther.request is None
 
@@ -115,11 +117,11 @@ def test_a_helper_nearer_to_a_target_than_the_one_that_asks_takes_it_instead_of_
 ) -> None:
     tasking = Tasking("r02", field_parameters(6))
     request = Help(robot="r06", hops=0, left_m=0.17)
-    told = state("r06", 0.4, claim=0, claim_at=(0.23, 0.0), task="tracking", help=request)
+    told = state("r06", 0.95, claim=0, claim_at=(0.23, 0.0), task="tracking", help=request, links_on=("r02",))
     view = View(
         now_s=1.0,
         motion=Motion(0.23 - own_m, 0.0, 0.0, 0.0, 0.0),
-        sighted={"r06": Sighted(0.4, 0.0, 0.0, 0.0, 0.0, True)},
+        sighted={"r06": Sighted(0.95, 0.0, 0.0, 0.0, 0.0, True)},
         heard={"r06": Heard(told, 0.0, False)},
         targets={0: (0.23, 0.0)},
         start_direction_rad=0.0,
@@ -137,8 +139,8 @@ def test_in_a_swarm_of_thousands_no_hop_count_leaves_what_a_message_can_say(hear
     parameters = dataclasses.replace(field_parameters(2), robots=3 * NO_HOPS)
     tasking = Tasking("r02", parameters)
     asked = Help(robot="r09", hops=heard_hops - 1, left_m=0.2)
-    told = state("r06", 0.4, hops=heard_hops, help=asked)
-    sighted = {"r06": Sighted(0.4, 0.0, 0.0, 0.0, 0.0, True)}
+    told = state("r06", 0.9, hops=heard_hops, help=asked, links_kept=("r02",))
+    sighted = {"r06": Sighted(0.9, 0.0, 0.0, 0.0, 0.0, True)}
     view = View(1.0, Motion(0.0, 0.0, 0.0, 0.0, 0.0), sighted, {"r06": Heard(told, 0.0, False)}, {}, 0.0, True)
     tasking.update(view)
     assert tasking.hops == hops
@@ -147,7 +149,7 @@ def test_in_a_swarm_of_thousands_no_hop_count_leaves_what_a_message_can_say(hear
 
 def test_a_request_from_the_farthest_hop_goes_no_farther() -> None:
     assist = Tasking("r02", dataclasses.replace(field_parameters(2), robots=3 * NO_HOPS)).assist
-    assist.listen([("r06", Help(robot="r09", hops=NO_HOPS, left_m=0.2))])
+    assist.listen([("r06", Help(robot="r09", hops=NO_HOPS, left_m=0.2))], taut=["r06"])
     assert assist.told is None
 
 
@@ -161,9 +163,92 @@ def test_a_request_dies_out_when_its_robot_falls_silent() -> None:
     }
     for _ in range(6):
         for name, assist in robots.items():
-            assist.listen((other, help_) for other, help_ in told.items() if other != name and help_ is not None)
+            heard = [(other, help_) for other, help_ in told.items() if other != name and help_ is not None]
+            assist.listen(heard, taut=robots)
         told = {name: assist.told for name, assist in robots.items()}
     assert set(told.values()) == {None}
+
+
+def test_a_request_concerns_those_on_taut_links_and_after_a_while_everybody() -> None:
+    asked = [("r03", Help(robot="r01", hops=0, number=1, left_m=0.4))]
+    again = [("r03", Help(robot="r01", hops=0, number=2, left_m=0.4))]
+    assist = Assist("r02", robots=5)
+    assist.listen(asked, now_s=1.0)
+    assert assist.heard is None
+    assist.listen(asked, now_s=2.0, taut=["r04"])
+    assert assist.heard is None
+    assist.listen(asked, now_s=3.0, taut=["r03"])
+    assert assist.via == "r03"
+    assist.listen(asked, now_s=3.1)
+    assert assist.via == "r03", "the link is slack again because it helps"
+    assist.listen(again, now_s=3.2)
+    assert assist.heard is None, "another request, and the link is slack"
+    assist.listen(again, now_s=3.1 + OPEN_S)
+    assert assist.heard is None
+    assist.listen(again, now_s=3.2 + OPEN_S)
+    assert assist.via == "r03"
+    assist.listen([], now_s=9.0)
+    assist.listen(again, now_s=9.1)
+    assert assist.heard is None, "not told for a moment: open anew"
+
+
+@pytest.mark.parametrize(
+    ("x_m", "links", "taut"),
+    [(0.9, {"links_on": ("r02",)}, True), (0.9, {"links_kept": ("r02",)}, True), (0.9, {"links_on": ("r03",)}, False),
+     (0.75, {"links_on": ("r02",)}, False)],
+)  # fmt: skip
+def test_a_link_is_taut_where_it_is_kept_and_long(x_m: float, links: dict[str, tuple[str, ...]], taut: bool) -> None:
+    request = Help(robot="r03", hops=0, left_m=0.1)
+    tasking = Tasking("r02", field_parameters(4))
+    tasking.update(looking({"r03": state("r03", x_m, help=request, **links)}))
+    assert tasking.helping == taut
+
+
+def looking(heard: dict[str, NeighbourState], now_s: float = 1.0) -> View:
+    """A robot at the origin that hears these, sees them where they say they are, and sees no target."""
+    sighted = {name: Sighted(told.x_m, told.y_m, 0.0, 0.0, 0.0, True) for name, told in heard.items()}
+    ears = {name: Heard(told, 0.0, False) for name, told in heard.items()}
+    return View(now_s, Motion(0.0, 0.0, 0.0, 0.0, 0.0), sighted, ears, {}, 0.0, True)
+
+
+@given(st.lists(points, min_size=1, max_size=6), st.floats(-math.pi, math.pi))
+def test_the_middle_is_nearly_that_of_the_smallest_circle(cloud: list[tuple[float, float]], turn: float) -> None:
+    x, y = middle(cloud)
+    radius = max(math.dist((x, y), point) for point in cloud)
+    widest = max(math.dist(one, other) for one in cloud for other in cloud)
+    assert widest / 2 - 1e-9 <= radius <= 1.1 * widest / math.sqrt(3) + 1e-9
+    cosine, sine = math.cos(turn), math.sin(turn)
+    turned = middle([(cosine * a - sine * b + 1, sine * a + cosine * b) for a, b in cloud])
+    assert max(math.dist(turned, (cosine * a - sine * b + 1, sine * a + cosine * b)) for a, b in cloud) <= 1.1 * radius
+
+
+@pytest.mark.parametrize(
+    ("others", "goal"),
+    [
+        ([("r01", 0.0, 0.9, {"claim": 1, "claim_at": (0.2, 1.2)}), ("r03", 0.0, -0.8, {"hops": 1})], (0.1, 0.2)),
+        ([("r01", 0.0, 0.9, {"claim": 1, "claim_at": (0.2, 1.2)}), ("r03", 0.0, -0.8, {"hops": 2})], None),
+        ([("r01", 0.0, 0.9, {"hops": 0}), ("r03", 0.0, -0.8, {"hops": 1})], None),
+        ([("r01", 0.0, 0.9, {"claim": 1, "claim_at": (0.2, 1.2)}), ("r03", 0.0, -0.8, {"links_on": ()})], None),
+    ],
+    ids=["between", "a follower does not hold it back", "nobody is bound for a target", "no link"],
+)  # fmt: skip
+def test_a_free_robot_stands_between_those_that_pull(
+    others: list[tuple[str, float, float, dict[str, object]]], goal: tuple[float, float] | None
+) -> None:
+    heard = {name: state(name, x, y, **{"hops": 0, "links_on": ("r02",)} | more) for name, x, y, more in others}
+    view = looking(heard)
+    found = relay_point(view, "r02", 1)
+    if goal is None:
+        assert found is None
+        return
+    assert found is not None
+    assert math.dist(found, goal) < 0.06
+    tasking = Tasking("r02", field_parameters(4))
+    tasking.cloud_seen = True
+    went = tasking.update(view)
+    assert went is not None
+    assert went.point == found
+    assert went.why == "indicator"
 
 
 def test_what_is_open_follows_what_is_seen_and_what_is_occupied() -> None:
