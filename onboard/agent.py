@@ -222,17 +222,12 @@ class Agent:
             return self._rest(verdict)
         pose = self._odometry.predict(own[0], own[1], now_ns)
         left, right = self._odometry.rims
-        motion = Motion(pose.x_m, pose.y_m, pose.heading_rad, left, right)
+        motion = record(Motion, (*pose, left, right))
         sighted = self.sensing.sighted(pose, now_ns, self.controller.linked)
-        view = View(
-            now_s=now_ns * 1e-9,
-            motion=motion,
-            sighted=sighted,
-            heard=self.sensing.heard(sighted, now_ns),
-            targets=self.sensing.targets(own[0]),
-            start_direction_rad=self._start_direction,
-            may_move=verdict.may_move and self.robot not in self.supervisor.excluded,
-        )
+        heard = self.sensing.heard(sighted, now_ns)
+        may_move = verdict.may_move and self.robot not in self.supervisor.excluded
+        targets = self.sensing.targets(own[0])
+        view = View(now_ns * 1e-9, motion, sighted, heard, targets, self._start_direction, may_move)
         self._follow_orders(now_ns)
         if self.controller.paper is not None and not self._going_home:
             self.controller.think(view)
@@ -242,12 +237,10 @@ class Agent:
         else:
             decision = self.controller.act(view)
         speed, turn = unicycle.body(decision.left_mps, decision.right_mps, self._separation_m)
-        heard = view.heard
         around = [
-            record(Neighbour, (x_m, y_m, vx_mps, vy_mps, age_s, heard[name].age_s if name in heard else 0.0))
-            for name, (x_m, y_m, vx_mps, vy_mps, age_s, _) in sighted.items()
+            record(Neighbour, (*seen[:5], heard[name][1] if name in heard else 0.0)) for name, seen in sighted.items()
         ]
-        place = (pose.x_m, pose.y_m, pose.heading_rad)
+        place: tuple[float, float, float] = pose
         limited = limit(speed, turn, place, (left, right), around, self._bounds)
         cut = limit_cut(limited.v_mps, limited.omega_radps, place, (left, right), around, self._cut_bounds)
         waits = cut.by or limited.by or decision.waits
@@ -328,11 +321,10 @@ class Agent:
                 return False
             self._past_sessions.add(last.session)
         self._frame, self._frame_arrival_ns, self._advancing = frame, now_ns, True
-        body = next((body for body in frame.bodies if body.robot == self.robot), None)
+        body = self.sensing.frame(frame)
         self._pose_valid = body is not None and body.valid
         self._pose_reason = "not in the frame" if body is None else body.reason
         self._look_at_motion(body, frame.exposure_ns)
-        self.sensing.frame(frame)
         return self.pacing.frame(frame.session, frame.frame, frame.rate_hz)
 
     def _look_at_motion(self, body: BodyPose | None, stamp_ns: int) -> None:
@@ -398,22 +390,22 @@ class Agent:
         left, right = self._odometry.rims
         verdict = self.supervisor.assess(
             Conditions(
-                pose_valid=self._pose_valid,
-                pose_reason=self._pose_reason,
-                pose_stamp_ns=own[1] if own else 0,
-                pose_arrival_ns=self._frame_arrival_ns,
-                frame_advancing=self._advancing,
-                feedback_stamp_ns=sample.stamp_ns if sample else 0,
-                driver_active=self._driver_active,
-                driver_fault=self._driver_fault,
-                driver_remedy=self._driver_remedy,
-                left_mps=left,
-                right_mps=right,
-                loop_last_step_ns=self._loop_ns,
-                inside_fence=own is None or inside_fence(self._bounds, own[0].x_m, own[0].y_m),
-                motion_fault=self._motion.text,
-                duplicate_id=now_ns - self._duplicate_ns < DUPLICATE_WINDOW_NS,
-                battery_v=sample.bus_v if sample else None,
+                self._pose_valid,
+                self._pose_reason,
+                own[1] if own else 0,
+                self._frame_arrival_ns,
+                self._advancing,
+                sample.stamp_ns if sample else 0,
+                self._driver_active,
+                self._driver_fault,
+                self._driver_remedy,
+                left,
+                right,
+                self._loop_ns,
+                own is None or inside_fence(self._bounds, own[0].x_m, own[0].y_m),
+                now_ns - self._duplicate_ns < DUPLICATE_WINDOW_NS,
+                self._motion.text,
+                sample.bus_v if sample else None,
             ),
             now_ns,
         )
@@ -448,7 +440,7 @@ class Agent:
     def _record(self, frame: MocapFrame) -> RobotStep:
         tasking = self.controller.tasking
         states = self.controller.link_states()
-        if states != self._link_states:
+        if states is not self._link_states and states != self._link_states:
             self._link_states = states
             self._links = tuple(LinkState(other=name, state=state) for name, state in states.items())
         return RobotStep(

@@ -1,5 +1,7 @@
 """Which frames to step on, and how well that went: a step on every k-th frame number. Pure."""
 
+from collections import deque
+
 from contract.messages import LoopTiming
 
 WINDOW = 240
@@ -11,28 +13,25 @@ class Pacing:
 
     def __init__(self, control_period_s: float, nominal_rate_hz: float) -> None:
         self._control_period_s = control_period_s
-        self.rate_hz = nominal_rate_hz
+        self._set_rate(nominal_rate_hz)
         self.steps = 0
         self.misses = 0
         self._session = -1
         self._last_frame = -1
         self._last_ns = 0
-        self._intervals: list[int] = []
+        self._intervals: deque[int] = deque(maxlen=WINDOW)
 
-    @property
-    def divisor(self) -> int:
+    def _set_rate(self, rate_hz: float) -> None:
+        self.rate_hz = rate_hz
+        self.divisor = max(1, round(self._control_period_s * rate_hz))
         """k"""
-        return max(1, round(self._control_period_s * self.rate_hz))
-
-    @property
-    def period_s(self) -> float:
+        self.period_s = self.divisor / rate_hz
         """Nominal time between steps."""
-        return self.divisor / self.rate_hz
 
     def frame(self, session: int, frame: int, rate_hz: float) -> bool:
         """Whether to step on this frame. After lost frames the next one is stepped on."""
         if rate_hz > 0 and abs(rate_hz - self.rate_hz) > 0.1 * self.rate_hz:
-            self.rate_hz = rate_hz
+            self._set_rate(rate_hz)
         k = self.divisor
         if session != self._session:
             self._session, self._last_frame = session, frame
@@ -52,8 +51,6 @@ class Pacing:
             self._intervals.append(interval)
             if interval > 1.5e9 * self.period_s:
                 self.misses += 1
-            if len(self._intervals) > WINDOW:
-                del self._intervals[: len(self._intervals) - WINDOW]
         self._last_ns = now_ns
 
     def timing(self) -> LoopTiming | None:

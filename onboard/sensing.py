@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from contract.messages import MocapFrame, NeighbourState, TargetCloud
+from contract.messages import BodyPose, MocapFrame, NeighbourState, TargetCloud
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Sighted
 from onboard.cloud import Cloud, cells_of
@@ -76,20 +76,25 @@ class Sensing:
         self.out_of_range = 0
         """State messages the virtual radio swallowed."""
 
-    def frame(self, frame: MocapFrame) -> None:
-        """Take the valid poses of one frame."""
+    def frame(self, frame: MocapFrame) -> BodyPose | None:
+        """Take the valid poses of one frame; the own body in it, valid or not."""
+        me, mine = self.robot, None
         self._newest_ns = stamp_ns = frame.exposure_ns
         others = self._others
         for body in frame.bodies:
-            if not body.valid:
-                continue
             name = body.robot
-            if name == self.robot:
-                self._own = (Pose(body.x_m, body.y_m, body.heading_rad), stamp_ns)
+            if name == me:
+                if mine is None:
+                    mine = body
+                if body.valid:
+                    self._own = (Pose(body.x_m, body.y_m, body.heading_rad), stamp_ns)
+            elif not body.valid:
+                continue
             elif name in others:
                 others[name].extend(stamp_ns, body.x_m, body.y_m)
             else:
                 others[name] = Track(stamp_ns, body.x_m, body.y_m, stamp_ns, body.x_m, body.y_m)
+        return mine
 
     def own(self) -> tuple[Pose, int] | None:
         """Own last valid pose and its exposure time, site ns."""

@@ -9,7 +9,7 @@ from contract.units import metres, radians
 from onboard.ahdc.cotr import Task
 from onboard.ahdc.field_law import FieldLaw, Steer
 from onboard.ahdc.law import Law
-from onboard.ahdc.links import LEAVING, OFF, ON
+from onboard.ahdc.links import LEAVING, OFF, ON, Link
 from onboard.ahdc.memory import to_hex
 from onboard.ahdc.paper_law import PaperLaw
 from onboard.ahdc.parameters import Parameters, Vector
@@ -65,6 +65,9 @@ class Controller:
         self._open_targets: list[Target] = []
         """The open targets of ``_open``, by index, as they are told."""
         self._mail: list[tuple[int, LinkMessage]] = []
+        self._states: list[Link] = []
+        """Of all links that there have been, when :meth:`link_states` was asked last."""
+        self._link_states: dict[str, LinkWord] = {}
 
     def begin(self, mission: str) -> None:
         """A new mission: forget every target, also the occupied ones. Links stay."""
@@ -127,11 +130,16 @@ class Controller:
         """Every enforced link: 'on', 'doubt' (offered, accepted, in removal) or 'leaving'."""
         if self.field is None:
             return dict.fromkeys(sorted(self.paper.neighbours) if self.paper else self._near, "on")
-        return {
-            name: "on" if entry.state is ON else "leaving" if entry.state is LEAVING else "doubt"
-            for name, entry in self.field.links.entries.items()
-            if entry.state is not OFF
-        }
+        entries = self.field.links.entries
+        states = [entry.state for entry in entries.values()]
+        if states != self._states:
+            self._states = states
+            self._link_states = {
+                name: "on" if state is ON else "leaving" if state is LEAVING else "doubt"
+                for name, state in zip(entries, states, strict=True)
+                if state is not OFF
+            }
+        return self._link_states
 
     def announce(self, motion: Motion, stamp_ns: int, left_mps: float, right_mps: float) -> NeighbourState:
         """The state message for this moment, given the rim speeds really commanded."""

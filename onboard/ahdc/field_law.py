@@ -151,7 +151,7 @@ class FieldLaw:
             enforced = entry is not None and entry.state is not OFF
             if name not in messages:
                 stops = self._unheard_stops((x, y), (vx, vy))
-                partners.append(Partner(name, enforced, x, y, stops, stops, seen_age_s, False))
+                partners.append(Partner(name, enforced, (x, y), stops, stops, seen_age_s, False))
                 continue
             state, age_s, silent = messages[name]
             carry_s = age_s if age_s < MAX_AGE_S else MAX_AGE_S
@@ -163,7 +163,7 @@ class FieldLaw:
                 long_stops = (long, (long[0] + dx, long[1] + dy))
                 short_stops = (short, (short[0] + dx, short[1] + dy))
             resting = not state.moving and not silent
-            partners.append(record(Partner, (name, enforced, x, y, long_stops, short_stops, age_s, resting)))
+            partners.append(record(Partner, (name, enforced, (x, y), long_stops, short_stops, age_s, resting)))
         return partners
 
     def _unheard_stops(self, place: Vector, v: Vector) -> tuple[Vector, ...]:
@@ -207,7 +207,7 @@ class FieldLaw:
                 aligned = (wanted[0] * share, wanted[1] * share)
         apart = (0.0, 0.0)
         if room.near:
-            others = [(partner.x_m, partner.y_m) for _, partner in room.near]
+            others = [partner.place for _, partner in room.near]
             apart = separation(own, others, wanted, p.avoidance_radius_m)
         parts = ((0.0, 0.0), apart, aligned)
         u = velocity(parts, (0.0, p.separation_weight, p.alignment_weight), p.max_speed_mps)
@@ -250,7 +250,8 @@ def keep_closing_slow(u: Vector, own: Vector, near: Sequence[tuple[float, Partne
     for distance, partner in near:
         if not 1e-9 < distance < YIELD_RANGE_M:
             continue
-        nx, ny = (partner.x_m - own_x) / distance, (partner.y_m - own_y) / distance
+        x, y = partner.place
+        nx, ny = (x - own_x) / distance, (y - own_y) / distance
         share = 1.0 if partner.resting else 0.5
         excess = ux * nx + uy * ny - share * max(0.0, distance - CONTACT_M) / CLOSING_TIME_S
         if excess > 0:

@@ -52,8 +52,7 @@ class Partner(NamedTuple):
 
     robot: str
     enforced: bool
-    x_m: float
-    y_m: float
+    place: Vector
     """Predicted to now."""
     long_stops: tuple[Vector, ...]
     """Hypotheses of where it rests with the weakest brake."""
@@ -165,6 +164,7 @@ class Planner:
         self._stops = stops
         self.period_s = period_s
         self._half_track_m = parameters.wheel_separation_m / 2
+        self._run_ahead_mps = RUN_AHEAD * parameters.max_speed_mps
         self._near_m = max(YIELD_RANGE_M, parameters.avoidance_radius_m + FADED_M)
         self._reach_m = MOVE_SHARE * parameters.max_speed_mps * period_s
         self._ahead_m = 2 * LOOK_AHEAD_S * parameters.max_speed_mps + 1e-9
@@ -189,8 +189,12 @@ class Planner:
 
     def _brakes(self, motion: Motion, axis: Vector) -> tuple[Vector, Vector]:
         x, y, _, left, right = motion
-        long, short = self._stops
-        return (_in_arena(x, y, axis, long.place(left, right)), _in_arena(x, y, axis, short.place(left, right)))
+        cosine, sine = axis
+        forward, aside, short_forward, short_aside = self._stops.places(left, right)
+        return (
+            (x + forward * cosine - aside * sine, y + forward * sine + aside * cosine),
+            (x + short_forward * cosine - short_aside * sine, y + short_forward * sine + short_aside * cosine),
+        )
 
     def room(self, motion: Motion, partners: Sequence[Partner]) -> Room:
         """Discs of all enforced links for the long and the short model, and keep-outs of all robots.
@@ -201,22 +205,24 @@ class Planner:
         axis = (math.cos(motion[2]), math.sin(motion[2]))
         brakes = self._brakes(motion, axis)
         own, (brake, brake_short), reach_m, near_m = motion[:2], brakes, self._reach_m, self._near_m
-        parameters, ahead_m, dist = self._parameters, self._ahead_m, math.dist
+        ahead_m, run_ahead_mps, dist = self._ahead_m, self._run_ahead_mps, math.dist
+        link_radius_m, least_m = self._parameters.link_radius_m, self._parameters.avoidance_radius_m
         way_m = dist(own, brake)
         horizon_m = 2 * (way_m + reach_m) + CONTACT_M
         beyond_m = horizon_m + way_m + 1e-9
         room = record(Room, (motion, axis, brakes, [], [], [], [], []))
         _, _, _, long, short, far, keepouts, near = room
         for partner in partners:
-            _, enforced, x, y, long_stops, short_stops, age_s, resting = partner
-            place = (x, y)
+            _, enforced, place, long_stops, short_stops, age_s, resting = partner
             distance = dist(own, place)
             if distance <= near_m:
                 near.append((distance, partner))
             if distance < horizon_m:
                 keepouts.append(keepout(place, dist(brake, place), distance, resting))
             if enforced:
-                diameter = enforced_radius_m(parameters, age_s)
+                diameter = link_radius_m - run_ahead_mps * age_s  # enforced_radius_m
+                if diameter <= least_m:
+                    diameter = least_m
                 slack_m = diameter - 2 * reach_m
             for point in long_stops:
                 gap = dist(brake, point)

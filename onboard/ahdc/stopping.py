@@ -115,6 +115,30 @@ class StopTable:
             wa * a_left + wb * b_left + wc * c_left + wd * d_left,
         )
 
+    def places(self, left_mps: float, right_mps: float, other: "StopTable") -> tuple[float, float, float, float]:
+        """:meth:`place` of this table and of another of the same range."""
+        limit = self._limit_mps
+        if not (-limit <= left_mps <= limit and -limit <= right_mps <= limit) or other._limit_mps != limit:
+            return (*self.place(left_mps, right_mps), *other.place(left_mps, right_mps))
+        u = (left_mps + limit) * self._scale
+        v = (right_mps + limit) * self._scale
+        i, j = int(u), int(v)
+        if i > NODES - 2:
+            i = NODES - 2
+        if j > NODES - 2:
+            j = NODES - 2
+        u -= i
+        v -= j
+        wa, wb, wc, wd = (1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v
+        a, a_left, b, b_left, c, c_left, d, d_left = self._cells[i][j]
+        p, p_left, q, q_left, r, r_left, s, s_left = other._cells[i][j]
+        return (
+            wa * a + wb * b + wc * c + wd * d,
+            wa * a_left + wb * b_left + wc * c_left + wd * d_left,
+            wa * p + wb * q + wc * r + wd * s,
+            wa * p_left + wb * q_left + wc * r_left + wd * s_left,
+        )
+
     def place_after(
         self, left_mps: float, right_mps: float, command_left_mps: float, command_right_mps: float, period_s: float
     ) -> Vector:
@@ -165,6 +189,10 @@ class Stops(NamedTuple):
 
     long: StopTable
     short: StopTable
+
+    def places(self, left_mps: float, right_mps: float) -> tuple[float, float, float, float]:
+        """Resting places (forward, left, forward, left) by the long and the short table, in one look at both."""
+        return self.long.places(left_mps, right_mps, self.short)
 
 
 def stop_tables(parameters: Parameters) -> Stops:

@@ -35,8 +35,7 @@ def partners(draw: st.DrawFn) -> Partner:
     return Partner(
         draw(st.sampled_from(["r02", "r03", "r04"])),
         draw(st.booleans()),
-        x,
-        y,
+        (x, y),
         (stop,),
         (stop,),
         draw(st.floats(0, 0.15)),
@@ -73,7 +72,7 @@ def test_a_passed_way_keeps_half_the_gap_to_every_robot(
     own, brake = (motion.x_m, motion.y_m), PLANNER.brake_points(motion)[0]
     end = PLANNER.stop_points(motion, command.left_mps, command.right_mps)[0]
     for partner in others:
-        for point in ((partner.x_m, partner.y_m), *partner.long_stops):
+        for point in (partner.place, *partner.long_stops):
             gap = min(math.dist(own, point), math.dist(brake, point))
             least = gap if gap <= CONTACT_M else CONTACT_M if partner.resting else (CONTACT_M + gap) / 2
             clearance = way_clearance_m(own, end, point)
@@ -145,7 +144,7 @@ def test_driving_at_a_resting_robot_stops_short_of_contact() -> None:
     """Closed loop on the weakest brake: the way never comes nearer than the contact distance."""
     brake = PLANNER.weak_brake
     x, v = -0.8, 0.0
-    other = Partner("r02", False, 0.0, 0.0, ((0.0, 0.0),), ((0.0, 0.0),), 0.0, True)
+    other = Partner("r02", False, (0.0, 0.0), ((0.0, 0.0),), ((0.0, 0.0),), 0.0, True)
     for _ in range(400):
         command = PLANNER.choose(PLANNER.room(Motion(x, 0.0, 0.0, v, v), [other]), 0.8, 0.0)
         v, way = rim_after(v, (command.left_mps + command.right_mps) / 2, brake, 0.01)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from onboard.ahdc.stopping import Brake, StopTable, rim_after, speed_for_stop_mps, stop_distance_m
+from onboard.ahdc.stopping import Brake, Stops, StopTable, rim_after, speed_for_stop_mps, stop_distance_m
 
 WEAK, STRONG = Brake(1.6, 0.15), Brake(2.4, 0.06)
 TRACK_M, U_MAX = 0.11, 0.8
@@ -66,3 +66,9 @@ def test_place_after_braking_command_is_the_same_place(
 def test_the_weak_brake_rolls_farther(speed: float, brake: Brake) -> None:
     assert stop_distance_m(speed, WEAK) >= stop_distance_m(speed, STRONG)
     assert TABLES[brake].place(speed, speed)[0] * speed >= 0
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+def test_one_look_at_both_tables_finds_what_each_finds(left: float, right: float) -> None:
+    long, short = TABLES[WEAK], TABLES[STRONG]
+    assert Stops(long, short).places(left, right) == (*long.place(left, right), *short.place(left, right))
