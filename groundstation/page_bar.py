@@ -221,7 +221,7 @@ def _checks(state: "PageState", graph: Network, now_ns: int) -> list[tuple[str, 
         checks.append(("stray", f"T{target + 1:02d} out of reach: {gap:.2f} m of {reach:.2f} m. Move it or Delete"))
     if state.cloud is None or not state.cloud.targets:
         checks.append(("caution", "No targets. Click to place, drag for a cloud"))
-    return checks
+    return sorted(checks, key=lambda check: check[0] == "ok")
 
 
 def _to_clear(state: "PageState") -> bool:

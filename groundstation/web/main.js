@@ -188,7 +188,7 @@ function theme(name) {
   repaint(); drawAll();
 }
 
-function placeBy(mode) { seed.mode = mode; drawAll(); }
+function placeBy(mode) { seed.mode = mode; seed.drop(); drawAll(); }
 
 function select(step) {
   const ids = layout.robots, at = ids.indexOf(map.selected);

@@ -47,7 +47,7 @@ export class Seed {
     Object.assign(this, { map, canvas, ask, changed });
     this.points = []; this.server = []; this.past = []; this.future = [];
     this.mode = "point"; this.count = 5; this.draw = 1; this.open = false; this.pending = false;
-    this.chosen = null; this.ghost = null; this.cross = null; this.refused = null; this.strays = []; this.ways = []; this.message = "";
+    this.chosen = null; this.ghost = null; this.cross = null; this.anchor = null; this.refused = null; this.strays = []; this.ways = []; this.message = "";
     canvas.addEventListener("pointerdown", (e) => this.down(e));
     canvas.addEventListener("pointermove", (e) => this.move(e));
     canvas.addEventListener("pointerup", (e) => this.up(e));
@@ -90,10 +90,15 @@ export class Seed {
     if (robot) { this.map.selected = this.map.selected === robot.id ? null : robot.id; this.changed(); return; }
     if (!this.open || event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
-    const near = this.points.map((p, k) => [Math.hypot(...this.map.toScreen(...p).map((v, i) => v - px[i])), k]).filter((e) => e[0] < GRAB_PX).sort((a, b) => a[0] - b[0])[0];
-    this.grip = { px, target: near ? near[1] : null, moved: false };
-    this.chosen = near ? near[1] : null;
+    this.chosen = this.near(px);
+    this.grip = { px, target: this.chosen, moved: false };
     this.refused = null;
+  }
+
+  /** The target at a place on the screen, or null. */
+  near(px) {
+    const found = this.points.map((p, k) => [Math.hypot(...this.map.toScreen(...p).map((v, i) => v - px[i])), k]).filter((e) => e[0] < GRAB_PX).sort((a, b) => a[0] - b[0])[0];
+    return found ? found[1] : null;
   }
 
   move(event) {
@@ -108,9 +113,19 @@ export class Seed {
       if (!this.refused) this.set(grip.points.map((p, k) => (k === grip.target ? round(here) : p)));
       return;
     }
-    const center = this.map.toArena(...grip.px);
-    this.ghost = { center, to: here, radius: Math.hypot(here[0] - center[0], here[1] - center[1]) };
+    this.spread(this.map.toArena(...grip.px), here);
+  }
+
+  /** A cloud as it would be, from its middle to its rim. */
+  spread(center, to) {
+    this.ghost = { center, to, radius: Math.hypot(to[0] - center[0], to[1] - center[1]) };
     this.ghost.points = this.cloud(this.ghost);
+  }
+
+  /** The cloud that is shown becomes targets. */
+  settle() {
+    const points = this.ghost.points; this.drop(); this.draw += 1;
+    if (points.length) this.commit([...this.points, ...points]);
   }
 
   up(event) {
@@ -119,14 +134,12 @@ export class Seed {
     if (grip.moved && grip.target !== null) {
       const points = this.points;
       if (grip.points) { this.points = grip.points; this.refused = null; this.commit(points); }
-    } else if (this.ghost) {
-      const points = this.ghost.points; this.ghost = null; this.draw += 1;
-      if (points.length) this.commit([...this.points, ...points]);
-    } else if (grip.target === null && this.mode === "point") this.add(this.map.toArena(...this.at(event)));
+    } else if (this.ghost) this.settle();
+    else if (grip.target === null && this.mode === "point") this.add(this.map.toArena(...this.at(event)));
     this.changed();
   }
 
-  drop() { this.grip = null; this.ghost = null; this.refused = null; }
+  drop() { this.grip = null; this.ghost = null; this.refused = null; this.anchor = null; }
 
   add(point) {
     if (!this.inside(point)) { this.refused = { at: point, text: this.fenceText() }; return; }
@@ -144,7 +157,21 @@ export class Seed {
     return points;
   }
 
-  remove() { if (this.open && this.chosen !== null) this.commit(this.points.filter((_, k) => k !== this.chosen)); }
+  /** The chosen target, else the one under the crosshair. */
+  remove() {
+    const gone = this.chosen ?? (this.cross ? this.near(this.map.toScreen(...this.cross)) : null);
+    this.chosen = null;
+    if (this.open && gone !== null) this.commit(this.points.filter((_, k) => k !== gone));
+  }
+
+  /** T at the crosshair: a target; in cloud mode first its middle, then its rim. */
+  put() {
+    if (!this.cross) return;
+    if (this.mode === "point") this.add(this.cross);
+    else if (this.anchor) { if (this.ghost) this.settle(); }
+    else if (this.inside(this.cross)) this.anchor = this.cross;
+    else this.refused = { at: this.cross, text: this.fenceText() };
+  }
 
   /** True where the key was used. */
   key(event, focused) {
@@ -154,7 +181,9 @@ export class Seed {
       const { size } = this.layout, here = this.cross || [size[0] / 2, size[1] / 2], [x, y] = this.map.toScreen(...here), way = ways[key];
       const moved = this.map.toArena(x + way[0] * STEP_M * this.map.scale, y + way[1] * STEP_M * this.map.scale);
       this.cross = moved.map((v, k) => Math.min(size[k], Math.max(0, Math.round(v / STEP_M) * STEP_M)));
-    } else if (key === "t" || key === "T") { if (this.cross) this.add(this.cross); }
+      if (this.anchor) this.spread(this.anchor, this.cross);
+    } else if (key === "t" || key === "T") this.put();
+    else if (key === "Escape" && this.anchor) this.drop();
     else if (key === "Delete" || key === "Backspace") this.remove();
     else if (key === "z") this.undo();
     else if (key === "Z") this.redo();

@@ -191,6 +191,23 @@ def test_seed_by_hand_with_undo_and_refusal(page: Page, arena: Arena) -> None:
     expect(count).to_have_text("6")
 
 
+def test_seed_by_keys_alone(page: Page, arena: Arena) -> None:
+    wait_run(page, "DISARMED")
+    count = page.locator("#progress-big")
+    expect(count).to_have_text("6", timeout=PATIENCE_MS)
+    page.focus("#map")
+    for key in ("g", "ArrowRight", "t", *["ArrowDown"] * 6, "t"):
+        page.keyboard.press(key)
+    expect(count).to_have_text("11")
+    page.keyboard.press("z")
+    expect(count).to_have_text("6")
+    for key in ("g", "t", "ArrowDown", "Escape", "p", *["ArrowDown"] * 8, "t"):
+        page.keyboard.press(key)
+    expect(count).to_have_text("7")
+    page.keyboard.press("Delete")
+    expect(count).to_have_text("6")
+
+
 def test_stop_in_a_mission_reaches_every_motor_and_only_the_word_releases(page: Page, arena: Arena) -> None:
     arm_and_start(page)
     page.keyboard.press("ArrowDown")
