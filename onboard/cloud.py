@@ -22,7 +22,9 @@ class Cloud:
             self._cells.setdefault(cell, []).append((order, (index, place)))
 
     def about(self, x_m: float, y_m: float, reach_m: float) -> list[Placed]:
-        """Targets at most ``reach_m`` away in x and in y, in the order of the cloud."""
+        """Targets at most ``reach_m`` away in x and in y, in the order of the cloud; none of what is nowhere."""
+        if not math.isfinite(x_m + y_m):
+            return []
         found: list[tuple[int, Placed]] = []
         for i in range(math.floor((x_m - reach_m) / CELL_M), math.floor((x_m + reach_m) / CELL_M) + 1):
             for j in range(math.floor((y_m - reach_m) / CELL_M), math.floor((y_m + reach_m) / CELL_M) + 1):
