@@ -11,6 +11,7 @@ ACTIVITIES = {
     "fence": "waiting at the fence",
     "hold": "occupying a target",
     "help": "answering HELP",
+    "aside": "out of the way of another's target",
     "joining": "waiting for its first links",
 }
 """Each word, and what it says in full; any other word is what :attr:`RobotStep.waits` says."""
@@ -20,7 +21,7 @@ _WORDS = {"": "travel", "indicator": "follow", "start": "follow", "free": "follo
 def activity(step: RobotStep) -> str:
     """What the step was about; ``turning`` where the rims' difference exceeds their sum on the way somewhere."""
     word = _WORDS.get(step.waits, step.waits)
-    if word in ("travel", "follow", "help"):
+    if word in ("travel", "follow", "help", "aside"):
         left, right = step.left_radps, step.right_radps
         return "turning" if abs(right - left) > abs(right + left) else word
     return word

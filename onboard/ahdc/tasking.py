@@ -27,6 +27,8 @@ NO_HOPS = 1000
 STAND_OFF_M = 0.4
 """A follower stops this far from the one it follows."""
 HELP_STAND_OFF_M = 0.6
+IN_THE_WAY_M, ASIDE_M = 0.3, 0.35
+"""A robot without a target keeps out of so much room around a target that another tracks, and goes that far away."""
 LOCKOUT_S = 0.5
 """After yielding a target it is not chosen again for this long."""
 RETHINK_S = 0.1
@@ -237,6 +239,8 @@ class Tasking:
             return Goal(self.memory.known[self.target], 0.0, "target")
         if self.task is Task.OCCUPIED:
             return None
+        if self._field and (aside := self._aside(view, own)) is not None:
+            return aside
         if self.helping:
             return self._towards(view, self.assist.via, HELP_STAND_OFF_M, "help")
         leader = self._leader(view)
@@ -249,6 +253,21 @@ class Tasking:
             angle = view.start_direction_rad
             return Goal((own[0] + LEAD_M * math.cos(angle), own[1] + LEAD_M * math.sin(angle)), 0.0, "start")
         return None
+
+    def _aside(self, view: View, own: Vector) -> Goal | None:
+        """Away from a target that a neighbour tracks, where this robot stands in front of it; None elsewhere."""
+        nearest, nearest_m = None, IN_THE_WAY_M
+        for state, _, silent in view.heard.values():
+            place = state.claim_at
+            if place is not None and state.task == "tracking" and not silent:
+                distance_m = math.dist(own, place)
+                if distance_m < nearest_m:
+                    nearest, nearest_m = place, distance_m
+        if nearest is None:
+            return None
+        (x, y), away_m = nearest, max(nearest_m, 1e-9)
+        away = ((own[0] - x) / away_m, (own[1] - y) / away_m) if nearest_m > 1e-9 else (1.0, 0.0)
+        return Goal((x + ASIDE_M * away[0], y + ASIDE_M * away[1]), 0.0, "aside")
 
     def _leader(self, view: View) -> str | None:
         """The indicator to follow: the nearest in sight (paper), the neighbour with fewest hops to one (field)."""

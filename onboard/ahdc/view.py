@@ -52,7 +52,7 @@ class Goal(NamedTuple):
     stop_short_m: float
     """Distance from the point at which it is reached well enough."""
     why: str
-    """'target', 'indicator', 'start', 'help' or 'hold'."""
+    """'target', 'indicator', 'start', 'help', 'aside' or 'hold'."""
 
 
 class Decision(NamedTuple):

@@ -1,5 +1,6 @@
 """Missions in virtual time: repeatable bit for bit, and a slice of the seeds that must stay whole and clear."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -7,10 +8,11 @@ import pytest
 
 from contract.arena import FieldControl
 from groundstation.cli import main
-from groundstation.conditions import FIELD
+from groundstation.conditions import FIELD, IDEAL, Conditions
 from groundstation.lockstep import World
 from groundstation.runfolder import read
 from groundstation.sweep import Job, arena_for, play
+from groundstation.targets import Scenario
 
 
 @pytest.mark.parametrize("conditions", ["ideal", "field"])
@@ -39,6 +41,21 @@ def test_missions_complete_whole_and_clear(robots: int, seed: int, conditions: s
     assert result.completed, result.why
     assert (result.occupied, result.disconnected_steps, result.collisions) == (19, 0, 0)
     assert result.mission_s >= result.lower_bound_s
+
+
+@pytest.mark.parametrize("conditions", [IDEAL, FIELD])
+@pytest.mark.parametrize("before_m", [0.06, 0.1, 0.15])
+def test_a_robot_makes_way_for_the_one_that_takes_the_target_it_gave_up(
+    before_m: float, conditions: Conditions
+) -> None:
+    """Two that took turns before the last target stood in each other's way for good."""
+    job = Job(2, 1, 1, "field", "ideal", limit_s=8.0)
+    starts = ((2.0 + before_m, 2.5), (1.6, 2.5))
+    world = World(arena_for(job), Scenario((4.0, 5.0), starts, ((2.0, 2.5),), 0.0), conditions, 1, 8.0)
+    world.agents["r01"].controller.tasking._blocked_until[0] = math.inf
+    result = world.run()
+    assert result.completed, result.why
+    assert (result.disconnected_steps, result.collisions) == (0, 0)
 
 
 def test_time_up_is_a_failure_with_its_reason(capsys: pytest.CaptureFixture[str]) -> None:

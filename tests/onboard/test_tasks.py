@@ -147,6 +147,29 @@ def test_in_a_swarm_of_thousands_no_hop_count_leaves_what_a_message_can_say(hear
     assert tasking.assist.told == replace(asked, hops=heard_hops)
 
 
+@pytest.mark.parametrize("asked", [None, Help(robot="r06", hops=0, left_m=0.1)])
+@pytest.mark.parametrize(
+    ("task", "place", "goal"),
+    [
+        ("tracking", (0.1, 0.0), (-0.25, 0.0)),
+        ("tracking", (0.0, -0.29), (0.0, 0.06)),
+        ("tracking", (0.0, 0.0), (0.35, 0.0)),
+        ("tracking", (0.31, 0.0), None),
+        ("occupied", (0.1, 0.0), None),
+    ],
+)
+def test_a_robot_without_a_target_keeps_clear_of_one_that_another_tracks(
+    task: str, place: tuple[float, float], goal: tuple[float, float] | None, asked: Help | None
+) -> None:
+    """Even one that is asked for help: a robot that has given the target up stands right before it."""
+    told = state("r06", 0.3, 0.3, task=task, claim=4, claim_at=place, links_on=("r02",), help=asked)
+    sighted = {"r06": Sighted(0.3, 0.3, 0.0, 0.0, 0.0, True)}
+    view = View(1.0, Motion(0.0, 0.0, 0.0, 0.0, 0.0), sighted, {"r06": Heard(told, 0.0, False)}, {}, 0.0, True)
+    found = Tasking("r02", field_parameters(2)).update(view)
+    aside = found.point if found is not None and found.why == "aside" else None
+    assert aside == (None if goal is None else pytest.approx(goal))
+
+
 def test_a_request_from_the_farthest_hop_goes_no_farther() -> None:
     assist = Tasking("r02", dataclasses.replace(field_parameters(2), robots=3 * NO_HOPS)).assist
     assist.listen([("r06", Help(robot="r09", hops=NO_HOPS, left_m=0.2))], taut=["r06"])
