@@ -561,6 +561,25 @@ def test_a_robot_that_comes_up_rolling_does_not_enable_its_motors() -> None:
     assert not Supervisor(ARENA, "r06").assess(good(T0, left_mps=0.5), T0).enable
 
 
+def test_motors_not_enabled_yet_are_not_lost_however_soon_silence_counts() -> None:
+    bench = Bench(arena(driver_silence_s=0.05)).to("armed")
+    for _ in range(100):
+        bench.now += 20 * MS
+        bench.beat("arm")
+        verdict = bench.assess(driver_active=False, feedback_stamp_ns=0)
+        assert (verdict.run, verdict.failsafe) == ("armed", "driver_inactive")
+
+
+def test_the_mission_is_the_one_the_newest_heartbeat_names() -> None:
+    bench = Bench()
+    assert bench.supervisor.mission == ""
+    bench.beat("disarm", mission="first")
+    assert bench.supervisor.mission == "first"
+    bench.beat("disarm", mission="second")
+    bench.beat("disarm", mission="late", stamp_ns=bench.now - 10_000 * MS)
+    assert bench.supervisor.mission == "second"
+
+
 def test_a_driver_active_from_the_first_look_on_is_silent_only_later() -> None:
     bench = Bench()
     bench.supervisor = Supervisor(ARENA, "r06")
