@@ -2,90 +2,20 @@
 
 import math
 import struct
-from binascii import unhexlify
 from collections import Counter
 
 from contract.messages import MotorSample
 from drivers.mock.controller import SampleLog, Wheels
+from drivers.mock.dynamixel_packets import MARK, Cutter, bulk_wishes, checksum, status, sync_wishes, unstuffed
+from drivers.mock.dynamixel_servo import Servo
 from drivers.mock.motor import Shaft
 from drivers.serial.dynamixel import Options
 
-MARK = unhexlify("fffffd00")
-RPM_PER_UNIT = 0.229
-NEVER_STUFFED = b"\xff\xff\xfd"
 CLEAR_TURNS = b"\x01DXL\x22"
-
-
-def checksum(data: bytes) -> int:
-    """CRC-16 with polynomial 0x8005, bit by bit."""
-    value = 0
-    for byte in data:
-        value ^= byte << 8
-        for _ in range(8):
-            value = (value << 1) ^ 0x8005 if value & 0x8000 else value << 1
-            value &= 0xFFFF
-    return value
-
-
-class Servo:
-    """One servo's control table and motor."""
-
-    def __init__(self, name: str, device: int, shaft: Shaft, model: int = 1190) -> None:
-        self.name = name
-        self.device = device
-        self.shaft = shaft
-        self.table = bytearray(256)
-        self.table[0:2] = struct.pack("<H", model)
-        self.table[6] = 45
-        self.table[7] = device
-        self.table[9] = 250
-        self.table[11] = 3
-        self.table[68] = 2
-        self.fed_ns = 0
-        self.tripped = False
-        self.registered: tuple[int, bytes] | None = None
-        """Of REG WRITE, until ACTION."""
-        self.cleared_turns = 0
-        self.decivolts = 50
-
-    @property
-    def expiry_ns(self) -> int | None:
-        counts = self.table[98]
-        return None if self.tripped or not counts or not self.table[64] else self.fed_ns + counts * 20_000_000
-
-    def refresh(self) -> None:
-        """Bring the read-only registers up to date."""
-        speed = round(self.shaft.turns_per_s * 60.0 / RPM_PER_UNIT)
-        counts = math.floor((self.shaft.turns - self.cleared_turns) * 4096)
-        position = (counts + 2**31) % 2**32 - 2**31
-        self.table[128:136] = struct.pack("<ii", speed, position)
-        self.table[144:146] = struct.pack("<H", self.decivolts)
-        self.table[146] = 30
-        if self.tripped:
-            self.table[98] = 0xFF
-
-    def write(self, address: int, data: bytes) -> int:
-        """The error number of the status packet, 0 for accepted."""
-        if address + len(data) > 146 or 70 <= address < 72 or address >= 120:
-            return 7
-        if address < 64 and self.table[64]:
-            return 7
-        if address == 98 and len(data) == 1:
-            if data[0] > 127:
-                return 4
-            self.tripped = False
-        elif self.tripped and 100 <= address < 120:
-            return 4
-        self.table[address : address + len(data)] = data
-        self._act(address)
-        return 0
-
-    def _act(self, address: int) -> None:
-        if not self.table[64]:
-            self.shaft.wheel.release()
-        elif self.table[11] == 1 and (address in (64, 104)):
-            goal = struct.unpack("<i", self.table[104:108])[0]
-            self.shaft.drive(goal * RPM_PER_UNIT / 60.0)
+BACKUPS = (b"\x01CTRL", b"\x02CTRL")
+"""Of the control table: store, restore."""
+RESETS = {b"\xff": (), b"\x01": (7,), b"\x02": (7, 8)}
+"""Factory reset: of everything, of all but the id, of all but id and baud rate."""
 
 
 class EmulatedDynamixel:
@@ -101,19 +31,14 @@ class EmulatedDynamixel:
             Servo("left", options.left, Shaft(wheels.left, gear, options.left_inverted)),
             Servo("right", options.right, Shaft(wheels.right, gear, options.right_inverted)),
         )
-        self._buffer = bytearray()
+        self._cutter = Cutter(self.counters)
         self._now_ns: int | None = None
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         self.advance(now_ns)
         if self.hung:
             return b""
-        self._buffer += data
-        output = b""
-        while (whole := self._cut()) is not None:
-            if whole:
-                output += self._obey(whole, now_ns)
-        return output
+        return b"".join(self._obey(whole, now_ns) for whole in self._cutter.feed(data))
 
     def advance(self, now_ns: int) -> bytes:
         if self._now_ns is None:
@@ -151,36 +76,9 @@ class EmulatedDynamixel:
         for servo in self.servos:
             servo.shaft.sensor_sign = sign
 
-    def _cut(self) -> bytes | None:
-        """The next whole packet; empty for a damaged one, None if more bytes are needed."""
-        start = self._buffer.find(MARK)
-        if start != 0:
-            skipped = start if start > 0 else max(0, len(self._buffer) - 3)
-            if skipped:
-                self.counters["garbage_byte"] += skipped
-                del self._buffer[:skipped]
-            if start < 0:
-                return None
-        if len(self._buffer) < 7:
-            return None
-        total = 7 + self._buffer[5] + 256 * self._buffer[6]
-        if total < 10 or total > 300:
-            self.counters["bad_length"] += 1
-            del self._buffer[:4]
-            return b""
-        if len(self._buffer) < total:
-            return None
-        whole = bytes(self._buffer[:total])
-        if checksum(whole[:-2]) != whole[-2] + 256 * whole[-1]:
-            self.counters["bad_crc"] += 1
-            del self._buffer[:4]
-            return b""
-        del self._buffer[:total]
-        return whole
-
     def _obey(self, whole: bytes, now_ns: int) -> bytes:
         device, instruction = whole[4], whole[7]
-        parameters = whole[8:-2].replace(NEVER_STUFFED + b"\xfd", NEVER_STUFFED)
+        parameters = unstuffed(whole[8:-2])
         for servo in self.servos:
             servo.fed_ns = now_ns
             servo.refresh()
@@ -189,9 +87,9 @@ class EmulatedDynamixel:
             self._sync_write(parameters, now_ns)
             return b""
         if instruction in (0x82, 0x8A):
-            return self._read_many(_sync_wishes(parameters), fast=instruction == 0x8A)
+            return self._read_many(sync_wishes(parameters), fast=instruction == 0x8A)
         if instruction in (0x92, 0x9A):
-            return self._read_many(_bulk_wishes(parameters), fast=instruction == 0x9A)
+            return self._read_many(bulk_wishes(parameters), fast=instruction == 0x9A)
         if instruction == 0x93:
             self._bulk_write(parameters, now_ns)
             return b""
@@ -220,13 +118,17 @@ class EmulatedDynamixel:
             servo.registered, servo.table[69] = None, 0
         elif instruction == 16 and parameters == CLEAR_TURNS:
             servo.cleared_turns = math.floor(servo.shaft.turns)
+        elif instruction == 6 and parameters in RESETS:
+            servo.reset(RESETS[parameters])
+        elif instruction == 32 and parameters in BACKUPS:
+            error = servo.back_up(restore=parameters == BACKUPS[1])
         elif instruction == 8:
             servo.table[70] = servo.table[64] = 0
             servo.shaft.wheel.release()
         else:
             self.counters["unknown_instruction"] += 1
             error = 2
-        return self._status(servo, error, data) if answer else b""
+        return status(servo.device, error | servo.alert, data) if answer else b""
 
     def _write(self, servo: Servo, address: int, data: bytes, now_ns: int) -> int:
         error = servo.write(address, data)
@@ -242,13 +144,13 @@ class EmulatedDynamixel:
         known = {servo.device: servo for servo in self.servos}
         found = [(known[device], bytes(known[device].table[a : a + n])) for device, a, n in wishes if device in known]
         if not fast:
-            return b"".join(self._status(servo, 0, data) for servo, data in found)
+            return b"".join(status(servo.device, servo.alert, data) for servo, data in found)
         if len(found) < len(wishes):
             return b""
         length = 1 + sum(len(data) + 4 for _, data in found)
         whole = MARK + b"\xfe" + struct.pack("<H", length) + b"\x55"
         for servo, data in found:
-            whole += bytes((0x80 if servo.table[70] else 0, servo.device)) + data
+            whole += bytes((servo.alert, servo.device)) + data
             whole += struct.pack("<H", checksum(whole))
         return whole
 
@@ -282,29 +184,10 @@ class EmulatedDynamixel:
             for servo in told:
                 self.log.one(servo.name, now_ns, bool(servo.table[64]))
 
-    def _status(self, servo: Servo, error: int, data: bytes) -> bytes:
-        alert = 0x80 if servo.table[70] else 0
-        body = (bytes((0x55, error | alert)) + data).replace(NEVER_STUFFED, NEVER_STUFFED + b"\xfd")
-        whole = MARK + bytes((servo.device,)) + struct.pack("<H", len(body) + 2) + body
-        return whole + struct.pack("<H", checksum(whole))
-
     def _roll(self, now_ns: int) -> None:
         if self._now_ns is not None and now_ns > self._now_ns:
             self.wheels.advance((now_ns - self._now_ns) * 1e-9)
             self._now_ns = now_ns
-
-
-def _sync_wishes(parameters: bytes) -> list[tuple[int, int, int]]:
-    """Device, address, length of each part of a sync read."""
-    if len(parameters) < 5:
-        return []
-    address, length = struct.unpack("<HH", parameters[:4])
-    return [(device, address, length) for device in parameters[4:]]
-
-
-def _bulk_wishes(parameters: bytes) -> list[tuple[int, int, int]]:
-    """The same of a bulk read."""
-    return [struct.unpack_from("<BHH", parameters, start) for start in range(0, len(parameters) - 4, 5)]
 
 
 def emulate(options: Options, wheels: Wheels) -> EmulatedDynamixel:

@@ -6,7 +6,6 @@ with a bad CRC is ignored; a gap above 10 ms inside a packet discards it; the se
 is the worse reading of a manual that does not say.
 """
 
-import math
 import struct
 from collections import Counter
 from collections.abc import Callable
@@ -14,66 +13,12 @@ from collections.abc import Callable
 from contract.messages import MotorSample
 from drivers.mock.controller import SampleLog, Wheels
 from drivers.mock.motor import Shaft
+from drivers.mock.roboclaw_channel import FULL_DUTY, Channel
+from drivers.mock.roboclaw_packets import BOTH, FIRST, READS, SECOND, WRITES, crc16
+from drivers.mock.roboclaw_settings import READ_COMMANDS, WRITE_LAYOUTS, Settings
 from drivers.serial.roboclaw import Options
 
 GAP_NS = 10_000_000
-FULL_DUTY = 32767
-
-WRITES = {
-    0: ">B",
-    1: ">B",
-    4: ">B",
-    5: ">B",
-    6: ">B",
-    7: ">B",
-    14: ">B",
-    20: "",
-    22: ">i",
-    23: ">i",
-    28: ">IIII",
-    29: ">IIII",
-    32: ">h",
-    33: ">h",
-    34: ">hh",
-    35: ">i",
-    36: ">i",
-    37: ">ii",
-    38: ">Ii",
-    39: ">Ii",
-    40: ">Iii",
-    50: ">IiIi",
-    52: ">hI",
-    53: ">hI",
-    54: ">hIhI",
-    200: "",
-}
-"""Data of every command that is answered by FF."""
-READS = {15, 16, 17, 18, 19, 21, 24, 25, 30, 31, 47, 48, 49, 55, 56, 78, 79, 82, 83, 90}
-BOTH = {34, 37, 40, 50, 54}
-FIRST = {0, 1, 6, 32, 35, 38, 52}
-SECOND = {4, 5, 7, 33, 36, 39, 53}
-"""Commands that drive both motors, the first, the second."""
-
-
-def _crc_table() -> list[int]:
-    table = []
-    for index in range(256):
-        value = index << 8
-        for _ in range(8):
-            value = ((value << 1) ^ 0x1021 if value & 0x8000 else value << 1) & 0xFFFF
-        table.append(value)
-    return table
-
-
-_CRC_TABLE = _crc_table()
-
-
-def crc16(data: bytes) -> int:
-    """CRC-16 with polynomial 0x1021 and start value 0, byte by byte."""
-    value = 0
-    for byte in data:
-        value = (value << 8 & 0xFFFF) ^ _CRC_TABLE[value >> 8 ^ byte]
-    return value
 
 
 class EmulatedRoboclaw:
@@ -89,12 +34,13 @@ class EmulatedRoboclaw:
         self.version = "USB Roboclaw 2x7a v4.2.8\n"
         self.timeout_tenths = 0
         self._address = options.address
-        self._counts = options.counts_per_revolution
-        self._offsets = [start_counts, start_counts]
         left = Shaft(wheels.left, options.gear_ratio, options.left_inverted)
         right = Shaft(wheels.right, options.gear_ratio, options.right_inverted)
-        self._shafts = (left, right) if options.left == 1 else (right, left)
-        self._pid = [(0x10000, 0x8000, 0x4000, 44000), (0x10000, 0x8000, 0x4000, 44000)]
+        shafts = (left, right) if options.left == 1 else (right, left)
+        self._channels = tuple(Channel(shaft, options.counts_per_revolution, start_counts) for shaft in shafts)
+        self._mixed: dict[str, int] = {}
+        """Forward and turning of the mixed commands, -127 to 127, as far as they were given."""
+        self._settings = Settings()
         self._buffer = b""
         self._byte_ns = 0
         self._fed_ns: int | None = None
@@ -102,10 +48,10 @@ class EmulatedRoboclaw:
         self._handlers: dict[int, Callable[..., None]] = {
             14: self._set_timeout,
             20: self._reset_encoders,
-            22: lambda value: self._set_encoder(0, value),
-            23: lambda value: self._set_encoder(1, value),
-            28: lambda *values: self._set_pid(0, values),
-            29: lambda *values: self._set_pid(1, values),
+            22: self._channels[0].set_encoder,
+            23: self._channels[1].set_encoder,
+            28: self._channels[0].set_gains,
+            29: self._channels[1].set_gains,
             32: lambda duty: self._duty(0, duty),
             33: lambda duty: self._duty(1, duty),
             34: self._duty_both,
@@ -125,6 +71,12 @@ class EmulatedRoboclaw:
             5: lambda value: self._duty(1, -value * FULL_DUTY // 127),
             6: lambda value: self._duty(0, (value - 64) * FULL_DUTY // 64),
             7: lambda value: self._duty(1, (value - 64) * FULL_DUTY // 64),
+            8: lambda value: self._mix("forward", value),
+            9: lambda value: self._mix("forward", -value),
+            10: lambda value: self._mix("turn", value),
+            11: lambda value: self._mix("turn", -value),
+            12: lambda value: self._mix("forward", 2 * value - 128),
+            13: lambda value: self._mix("turn", 2 * value - 128),
             200: self._reset_estop,
         }
 
@@ -177,8 +129,8 @@ class EmulatedRoboclaw:
                 wheel.release()
 
     def set_sensor_sign(self, sign: float) -> None:
-        for shaft in self._shafts:
-            shaft.sensor_sign = sign
+        for channel in self._channels:
+            channel.shaft.sensor_sign = sign
 
     def _expiry_ns(self) -> int | None:
         if self._fed_ns is None or not self.timeout_tenths:
@@ -217,7 +169,11 @@ class EmulatedRoboclaw:
             self.counters["bad_crc"] += 1
             return b""
         self._fed_ns = now_ns
-        self._handlers[command](*struct.unpack(layout, packet[2:-2]))
+        values = struct.unpack(layout, packet[2:-2])
+        if command in WRITE_LAYOUTS:
+            self._settings.write(command, values)
+        else:
+            self._handlers[command](*values)
         if command in BOTH:
             self.log.both(now_ns, not self.released)
         elif command in FIRST or command in SECOND:
@@ -225,13 +181,16 @@ class EmulatedRoboclaw:
         return b"\xff"
 
     def _answer(self, command: int) -> bytes:
+        if command in READ_COMMANDS:
+            return self._settings.read(command)
         if command == 15:
             return bytes((self.timeout_tenths,))
+        first, second = self._channels
         if command in (16, 17):
-            speed = self._qpps(command - 16)
-            return struct.pack(">IB", self._encoder(command - 16), 2 if speed < 0 else 0)
+            channel = self._channels[command - 16]
+            return struct.pack(">IB", channel.encoder, 2 if channel.qpps < 0 else 0)
         if command in (18, 19, 30, 31):
-            speed = self._qpps(command % 2 if command in (30, 31) else command - 18)
+            speed = self._channels[command % 2].qpps
             return struct.pack(">IB", abs(speed), 1 if speed < 0 else 0)
         if command == 21:
             return self.version.encode() + b"\0"
@@ -242,73 +201,52 @@ class EmulatedRoboclaw:
         if command == 47:
             return b"\x80\x80"
         if command == 48:
-            return struct.pack(">hh", *(round(self._share(shaft) * FULL_DUTY) for shaft in self._shafts))
+            return struct.pack(">hh", first.pwm, second.pwm)
         if command == 49:
             return struct.pack(">hh", 10, 10)
         if command in (55, 56):
-            proportional, integral, derivative, qpps = self._pid[command - 55]
-            return struct.pack(">IIII", proportional, integral, derivative, qpps)
+            return struct.pack(">IIII", *self._channels[command - 55].gains)
         if command == 78:
-            return struct.pack(">II", self._encoder(0), self._encoder(1))
-        if command == 79:
-            return struct.pack(">ii", self._qpps(0), self._qpps(1))
+            return struct.pack(">II", first.encoder, second.encoder)
+        if command in (79, 108):
+            return struct.pack(">ii", first.qpps, second.qpps)
+        if command in (111, 114):
+            return bytes(8)
         if command in (82, 83):
             return struct.pack(">H", 305)
         return struct.pack(">I", self.status)
-
-    def _encoder(self, channel: int) -> int:
-        return (math.floor(self._shafts[channel].turns * self._counts) + self._offsets[channel]) % (1 << 32)
-
-    def _qpps(self, channel: int) -> int:
-        return round(self._shafts[channel].turns_per_s * self._counts)
 
     def _set_timeout(self, tenths: int) -> None:
         self.timeout_tenths = tenths
 
     def _reset_encoders(self) -> None:
-        self._set_encoder(0, 0)
-        self._set_encoder(1, 0)
-
-    def _set_encoder(self, channel: int, value: int) -> None:
-        self._offsets[channel] = value - math.floor(self._shafts[channel].turns * self._counts)
-
-    def _set_pid(self, channel: int, values: tuple[int, int, int, int]) -> None:
-        derivative, proportional, integral, qpps = values
-        self._pid[channel] = (proportional, integral, derivative, qpps)
+        for channel in self._channels:
+            channel.set_encoder(0)
 
     def _speed(self, channel: int, qpps: int, qpps_per_s: int | None = None) -> None:
-        """:param qpps_per_s: growth of the speed; None: as fast as the motor can."""
-        shaft = self._shafts[channel]
-        wheel = shaft.wheel
-        wheel.acceleration_radps2 = wheel.limits.acceleration_radps2
-        if qpps_per_s is not None:
-            wheel.acceleration_radps2 = max(qpps_per_s / abs(self._counts * shaft.turns_per_rad), 1e-3)
         if self.status & 0x4001:
-            wheel.release()
+            self._channels[channel].duty(0)
         else:
-            self._shafts[channel].drive(qpps / self._counts)
+            self._channels[channel].speed(qpps, qpps_per_s)
 
     def _speed_both(self, m1: int, m2: int, growth_1: int | None = None, growth_2: int | None = None) -> None:
         self._speed(0, m1, growth_1)
         self._speed(1, m2, growth_2)
 
-    def _share(self, shaft: Shaft) -> float:
-        """Of full speed."""
-        top = shaft.wheel.limits.max_radps * abs(shaft.turns_per_rad)
-        return max(-1.0, min(1.0, shaft.turns_per_s / top))
-
     def _duty(self, channel: int, duty: int) -> None:
-        wheel = self._shafts[channel].wheel
-        if duty == 0 or self.status & 1:
-            wheel.release()
-        else:
-            self._shafts[channel].drive(
-                duty / FULL_DUTY * wheel.limits.max_radps * abs(self._shafts[channel].turns_per_rad)
-            )
+        self._channels[channel].duty(0 if self.status & 1 else duty)
 
     def _duty_both(self, m1: int, m2: int) -> None:
         self._duty(0, m1)
         self._duty(1, m2)
+
+    def _mix(self, part: str, value: int) -> None:
+        """Manual p. 62: nothing moves before both parts have been given; right is a turn with M1 faster."""
+        self._mixed[part] = max(-127, min(127, value))
+        if len(self._mixed) == 2:
+            forward, turn = self._mixed["forward"], self._mixed["turn"]
+            for channel, share in enumerate((forward + turn, forward - turn)):
+                self._duty(channel, max(-127, min(127, share)) * FULL_DUTY // 127)
 
     def _reset_estop(self) -> None:
         self.status &= ~1

@@ -424,7 +424,7 @@ def test_roboclaw_pitfall_a_gap_over_10_ms_discards_the_packet() -> None:
     bench = Bench("roboclaw")
     bench.start()
     packet = bytes.fromhex("80250000 03e80000 03e8")
-    from drivers.mock.roboclaw import crc16
+    from drivers.mock.roboclaw_packets import crc16
 
     packet += crc16(packet).to_bytes(2, "big")
     assert bench.device.receive(packet[:5], bench.now_ns) == b""

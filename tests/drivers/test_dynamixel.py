@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import ControllerFault, LinkLost, Refused, WheelSpeeds
-from drivers.mock.dynamixel import checksum
+from drivers.mock.dynamixel_packets import checksum
 from drivers.serial import dynamixel_codec as codec
 
 PING_STATUS = bytes.fromhex("FFFFFD00 01 0700 55 00 0604 26 655D")
@@ -117,6 +117,28 @@ def test_pitfall_mode_changes_only_with_torque_off() -> None:
     assert servo.write(11, b"\x01") == 7
     bench.drive.configure()
     assert servo.table[11] == 1
+
+
+def test_a_servo_is_reset_and_backed_up_as_other_programs_ask() -> None:
+    """e-Manual: Factory Reset (0x06) of all but id and baud rate; Control Table Backup (0x20), with torque off only."""
+    bench = Bench("dynamixel")
+    servo = bench.device.servos[0]
+
+    def said(instruction: int, parameters: bytes) -> int:
+        ((_, error, _),) = codec.PacketReader().feed(
+            bench.device.receive(codec.packet(servo.device, instruction, parameters), bench.now_ns)
+        )
+        return error
+
+    servo.table[8], servo.table[11] = 3, 1
+    assert said(0x20, b"\x01CTRL") == 0
+    assert said(0x06, b"\x02") == 0
+    assert (servo.table[7], servo.table[8], servo.table[11]) == (servo.device, 3, 3)
+    assert said(0x20, b"\x02CTRL") == 0
+    assert servo.table[11] == 1
+    servo.table[64] = 1
+    assert said(0x20, b"\x02CTRL") == 1
+    assert said(0x06, b"\x07") == 2
 
 
 def test_a_missing_servo_is_named() -> None:

@@ -3,13 +3,17 @@
 import struct
 
 import pytest
+from benches import Bench
 
 from drivers.can.frame import CanFrame
 from drivers.can.odrive import Options as OdriveOptions
+from drivers.can.vesc import Options as VescOptions
 from drivers.mock.controller import Wheels
 from drivers.mock.motor import MotorLimits
 from drivers.mock.odrive import AxisSettings, EmulatedOdrive
-from drivers.mock.roboclaw import EmulatedRoboclaw, crc16
+from drivers.mock.roboclaw import EmulatedRoboclaw
+from drivers.mock.roboclaw_packets import crc16
+from drivers.mock.vesc import EmulatedVescs, VescSettings
 from drivers.serial.roboclaw import Options as RoboclawOptions
 
 MS = 1_000_000
@@ -78,6 +82,55 @@ def test_pitfall_a_roboclaws_time_out_is_off_by_default() -> None:
     assert device.receive(bytes((0x80, 15)), 60_000 * MS)[0] == 0
 
 
+def told(device: EmulatedRoboclaw, command: int, layout: str = "", *values: int) -> bytes:
+    packet = struct.pack(f">BB{layout}", 0x80, command, *values)
+    return device.receive(packet + struct.pack(">H", crc16(packet)), 0)
+
+
+def asked(device: EmulatedRoboclaw, command: int, layout: str) -> tuple[int, ...]:
+    answer = device.receive(bytes((0x80, command)), 0)
+    assert struct.unpack(">H", answer[-2:])[0] == crc16(bytes((0x80, command)) + answer[:-2])
+    return struct.unpack(f">{layout}", answer[:-2])
+
+
+@pytest.mark.parametrize(
+    ("write", "read", "layout"), [(57, 59, "HH"), (74, 75, "BBB"), (98, 99, "H"), (133, 135, "II")]
+)
+def test_a_roboclaw_keeps_what_configuring_programs_set(write: int, read: int, layout: str) -> None:
+    device = roboclaw()
+    new = asked(device, read, layout)
+    values = tuple(range(7, 7 + len(layout)))
+    assert told(device, write, layout, *values) == b"\xff"
+    assert asked(device, read, layout) == values
+    assert told(device, 94, "I", 0xE22EAB7A) == told(device, 80) == b"\xff"
+    assert asked(device, read, layout) == new, "restored"
+    assert told(device, 95) == b"\xff"
+    assert asked(device, read, layout) == values, "as stored"
+    assert not device.counters
+
+
+def test_pitfall_a_roboclaws_gains_are_set_as_d_p_i_and_read_as_p_i_d() -> None:
+    device = roboclaw()
+    assert told(device, 28, "IIII", 1, 2, 3, 44) == b"\xff"
+    assert asked(device, 55, "IIII") == (2, 3, 1, 44)
+    assert told(device, 62, "IIIIIII", 1, 2, 3, 4, 5, 6, 7) == b"\xff"
+    assert asked(device, 64, "IIIIIII") == (2, 3, 1, 4, 5, 6, 7)
+    told(device, 69, "I", 9)
+    assert asked(device, 81, "II") == (655_360, 9), "M2 alone"
+
+
+def test_pitfall_a_roboclaws_mixed_commands_move_nothing_before_both_parts_were_given() -> None:
+    device = roboclaw()
+    told(device, 8, "B", 64)
+    assert not device.wheels.left.powered
+    told(device, 10, "B", 20)
+    device.advance(500 * MS)
+    assert device.wheels.left.radps > device.wheels.right.radps > 0.0
+    told(device, 12, "B", 64)
+    told(device, 13, "B", 64)
+    assert device.released
+
+
 @pytest.mark.parametrize(("dialect", "answered"), [("0.5", True), ("0.6", False)])
 def test_pitfall_only_0_5_takes_an_empty_data_frame_for_a_poll(dialect: str, answered: bool) -> None:
     assert odrive(dialect).take_frame(CanFrame(0x09, b"", remote=True), 0)
@@ -97,3 +150,50 @@ def test_pitfall_polling_feeds_the_watchdog_of_a_0_5_axis_whose_setpoints_have_s
         for node in (0, 1):
             device.take_frame(CanFrame(node << 5 | 0x09, b"", remote=True), step * 10 * MS)
     assert (device.axes[0].state == 8) is alive
+
+
+def test_pitfall_15_1c_and_1d_are_other_messages_in_0_5_and_in_0_6() -> None:
+    """0.5: sensorless estimates, ADC voltage, controller error; 0.6: temperatures, torques, powers."""
+    old, new = odrive("0.5"), odrive("0.6")
+    for command in (0x15, 0x1C, 0x1D):
+        answers = [device.take_frame(CanFrame(command, b"", remote=True), 0)[0] for device in (old, new)]
+        assert all(frame.can_id == command and len(frame.data) == 8 for frame in answers)
+        assert answers[0].data == bytes(8)
+        assert (answers[1].data == struct.pack("<ff", 30.0, 30.0)) is (command == 0x15)
+    for dialect in ("0.5", "0.6"):
+        bench = Bench("odrive", dialect=dialect)
+        bench.start()
+        node, before = bench.drive.inner.motors[0].device, bench.run(0.1)
+        for command in (0x15, 0x1C, 0x1D):
+            frame = CanFrame(node << 5 | command, struct.pack("<ff", 30.0, 7.0))
+            assert bench.drive.inner._deal(frame) == "unused_frame"
+        after = bench.run(0.1)
+        assert before is not None
+        assert after is not None
+        assert (after.left_radps, after.left_rad, after.bus_v) == (before.left_radps, before.left_rad, before.bus_v)
+
+
+def test_pitfall_the_dbc_of_0_5_6_calls_input_vel_rev_but_it_is_rev_per_s() -> None:
+    """Two seconds at 1.0 are two turns, not one."""
+    device = odrive("0.5")
+    device.take_frame(CanFrame(0x0B, struct.pack("<II", 2, 1)), 0)
+    device.take_frame(CanFrame(0x07, struct.pack("<II", 8, 0)), 0)
+    device.take_frame(CanFrame(0x0D, struct.pack("<ff", 1.0, 0.0)), 0)
+    device.advance(1000 * MS)
+    begun = device.axes[0].shaft.turns
+    device.advance(3000 * MS)
+    assert device.axes[0].shaft.turns - begun == pytest.approx(2.0, abs=0.01)
+
+
+def test_pitfall_a_vesc_needs_no_enabling_and_coasts_at_current_zero() -> None:
+    options = VescOptions(kind="vesc", channel="x", left=1, right=2, pole_pairs=7, watchdog_s=0.2)
+    device = EmulatedVescs(options, Wheels.of(MotorLimits()), VescSettings())
+    device.advance(0)
+    device.take_frame(CanFrame(3 << 8 | 1, (1500).to_bytes(4, "big"), True), 0)
+    device.advance(900 * MS)
+    wheel = device.wheels.left
+    assert wheel.radps == pytest.approx(1500 / 7 / 60 * 6.283185307, rel=0.01)
+    device.take_frame(CanFrame(1 << 8 | 1, bytes(4), True), 900 * MS)
+    device.advance(950 * MS)
+    assert not wheel.powered
+    assert wheel.radps > 15.0, "rolls on"

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bandwidth import Bandwidth
-from drivers.mock.roboclaw import crc16
+from drivers.mock.roboclaw_packets import crc16
 from drivers.serial import roboclaw_codec as codec
 from drivers.serial.roboclaw import Drive
 

@@ -84,7 +84,12 @@ def test_the_makers_sdk(link: str) -> None:
     assert bulk_writer.txPacket() == 0
     assert peer.read4ByteTxRx(port, 1, 104) == (100, 0, 0)
     assert peer.read1ByteTxRx(port, 2, 64) == (1, 0, 0)
-    assert peer.factoryReset(port, 1, 0xFF)[1] == 2, "refused by name, not obeyed"
+    assert peer.write1ByteTxRx(port, 1, 64, 0) == (0, 0)
+    assert peer.write1ByteTxRx(port, 1, 11, 4) == (0, 0)
+    assert peer.factoryReset(port, 1, 0xFF) == (0, 0)
+    assert peer.read1ByteTxRx(port, 1, 11) == (3, 0, 0), "position control, as new"
+    assert peer.write1ByteTxRx(port, 1, 11, 1) == (0, 0)
+    assert peer.write1ByteTxRx(port, 1, 64, 1) == (0, 0)
     writer = sdk.GroupSyncWrite(port, peer, 104, 4)
     assert writer.addParam(1, list((-1 & 0xFFFFFFFF).to_bytes(4, "little")))
     assert writer.txPacket() == 0
