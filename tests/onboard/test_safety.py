@@ -572,12 +572,48 @@ def test_motors_not_enabled_yet_are_not_lost_however_soon_silence_counts() -> No
 
 def test_the_mission_is_the_one_the_newest_heartbeat_names() -> None:
     bench = Bench()
-    assert bench.supervisor.mission == ""
     bench.beat("disarm", mission="first")
     assert bench.supervisor.mission == "first"
     bench.beat("disarm", mission="second")
     bench.beat("disarm", mission="late", stamp_ns=bench.now - 10_000 * MS)
     assert bench.supervisor.mission == "second"
+
+
+@pytest.mark.parametrize("boot", [0, 7])
+def test_a_station_that_another_took_over_from_is_heard_no_more(boot: int) -> None:
+    bench = Bench()
+    bench.supervisor, bench.boot = Supervisor(ARENA, "r06"), boot
+    bench.beat("disarm", mission="first")
+    bench.beat("disarm", mission="second", boot=8)
+    bench.order("arm", mission="first")
+    assert (bench.supervisor.mission, bench.supervisor.state) == ("second", "disarmed")
+    assert bench.supervisor.ignored_heartbeats == 1
+
+
+def test_where_to_wait_is_what_the_newest_heartbeat_says() -> None:
+    bench = Bench()
+    bench.beat("disarm", aside={"r06": (1.5, 2.0), "r08": (0.5, 0.5)})
+    assert bench.supervisor.aside == (1.5, 2.0)
+    bench.beat("disarm", aside={"r08": (0.5, 0.5)})
+    assert bench.supervisor.aside is None
+
+
+@pytest.mark.parametrize("order", ["run", "hold"])
+def test_an_order_refused_while_disarmed_leaves_no_trace_but_the_reason(order: str) -> None:
+    bench = Bench()
+    before = bench.supervisor.order_id
+    bench.order(order, home=True)
+    assert (bench.supervisor.order_id, bench.supervisor.homing) == (before, False)
+    assert bench.assess().reason == f"{order} refused: not armed"
+    bench.order("disarm")
+    assert (bench.supervisor.order_id, bench.assess().reason) == (bench.order_id, "")
+
+
+def test_a_supervisor_just_made_knows_no_mission_and_settles_nothing() -> None:
+    """On a computer that has just started, too: its clock begins at zero."""
+    supervisor = Supervisor(ARENA, "r06")
+    assert supervisor.mission == ""
+    assert not supervisor.assess(good(100 * MS, left_mps=0.5), 100 * MS).enable
 
 
 def test_a_driver_active_from_the_first_look_on_is_silent_only_later() -> None:
