@@ -2,9 +2,11 @@
 
 import struct
 import tomllib
+import zlib
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Metadata
@@ -24,6 +26,10 @@ _CUT = (McapError, ValueError, OverflowError, struct.error, EOFError)
 
 class RecordingError(ValueError):
     """Not a recording of ours; the text says which file and why."""
+
+
+class Damaged(Attachment):
+    """An attached file whose checksum is wrong."""
 
 
 class Recorded(NamedTuple):
@@ -52,6 +58,8 @@ class Recording:
         self.chunks = 0
         self.damaged_chunks = 0
         """Chunks whose checksum is wrong; they are left out."""
+        self.damaged: set[str] = set()
+        """Attached files whose checksum is wrong."""
         self.undecodable = 0
         """Of the messages iterated last."""
         for record in records(path):
@@ -59,6 +67,8 @@ class Recording:
                 self.metadata[record.name] = dict(record.metadata)
             elif isinstance(record, Attachment):
                 self.attachments[record.name] = bytes(record.data)
+                if isinstance(record, Damaged):
+                    self.damaged.add(record.name)
             elif isinstance(record, Chunk):
                 self.chunks += 1
             elif isinstance(record, Footer):
@@ -67,12 +77,14 @@ class Recording:
     def arena(self) -> Arena:
         """The resolved arena file that was recorded with the run.
 
-        :raises RecordingError: there is none.
+        :raises RecordingError: there is none, or it is not what was written.
         :raises contract.arena.ArenaError: it has faults.
         """
         text = self.attachments.get(CONFIG)
         if text is None:
             raise RecordingError(f"{self.path}: no {CONFIG} attached; recorded by something else?")
+        if CONFIG in self.damaged:
+            raise RecordingError(f"{self.path}: {CONFIG} in it is damaged: its checksum is wrong; take another copy")
         return parse(tomllib.loads(text.decode("utf-8")), f"{self.path}:{CONFIG}")
 
     def messages(self) -> Iterator[Recorded]:
@@ -128,9 +140,22 @@ def records(path: Path) -> Iterator[McapRecord]:
         limit = path.stat().st_size
         reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=limit)
         try:
-            yield from reader.records
+            for record in reader.records:
+                unsound = isinstance(record, Attachment) and not _sound(record, stream)
+                yield Damaged(**asdict(record)) if unsound else record
         except _CUT:
             return
+
+
+def _sound(attached: Attachment, stream: IO[bytes]) -> bool:
+    """Whether the record that has just been read bears its own checksum; 0 stands for none."""
+    stream.seek(-4, 1)
+    (checksum,) = struct.unpack("<I", stream.read(4))
+    content = struct.pack("<QQ", attached.log_time, attached.create_time)
+    for words in (attached.name.encode(), attached.media_type.encode()):
+        content += struct.pack("<I", len(words)) + words
+    content += struct.pack("<Q", len(attached.data)) + attached.data
+    return checksum in (0, zlib.crc32(content))
 
 
 def content_of(chunk: Chunk) -> list[McapRecord] | None:

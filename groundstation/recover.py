@@ -10,8 +10,11 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.writer import CompressionType, Writer
 
-from groundstation.recording import Recording, RecordingError
+from groundstation.recording import Damaged, Recording, RecordingError
 from groundstation.runwriter import LIBRARY, Sink
+
+DAMAGED = ".damaged"
+"""Appended to the name of an attached file whose checksum is wrong: the new file's checksum would vouch for it."""
 
 
 class Recovered(NamedTuple):
@@ -77,9 +80,8 @@ def _rewrite(recording: Recording, sink: Sink) -> tuple[int, float]:
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, dict(record.metadata))
         elif isinstance(record, Attachment):
-            writer.add_attachment(
-                record.create_time, record.log_time, record.name, record.media_type, bytes(record.data)
-            )
+            name = record.name + (DAMAGED if isinstance(record, Damaged) else "")
+            writer.add_attachment(record.create_time, record.log_time, name, record.media_type, bytes(record.data))
     story = {"source": recording.path.name, "was_whole": str(recording.whole).lower()}
     if recording.damaged_chunks:
         story |= {"damaged_chunks": str(recording.damaged_chunks), "messages_without_channel": str(orphans)}
@@ -106,6 +108,8 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         print(f"{args.out}: {error.strerror}", file=sys.stderr)
         return 1
+    for name in sorted(Recording(args.source).damaged):
+        print(f"{args.source}: {name} in it is damaged, kept as {name}{DAMAGED}", file=sys.stderr)
     damage = f", {found.damaged_chunks} damaged chunks left out" if found.damaged_chunks else ""
     state = "was whole" if found.was_whole else "was cut off"
     print(f"{args.out}: {found.messages} messages over {found.seconds:.1f} s in {found.chunks} chunks{damage}; {state}")

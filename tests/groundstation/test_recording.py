@@ -234,3 +234,22 @@ def test_an_earlier_recording_is_set_aside(tmp_path: Path) -> None:
     set_aside(path)
     assert not path.exists()
     assert [p.read_bytes() for p in tmp_path.glob("run-until-*.mcap")] == [b"old"]
+
+
+def test_a_damaged_arena_file_is_told_and_believed_by_nobody(recording: Path, tmp_path: Path) -> None:
+    """One digit of it would be another arena, and a report of it another mission."""
+    data = bytearray(recording.read_bytes())
+    at = data.index(b"sensing_radius_m")
+    digit = at + data[at:].index(b"= ") + 2
+    assert chr(data[digit]).isdigit()
+    data[digit] ^= 1
+    path = tmp_path / "flipped.mcap"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"config\.toml in it is damaged"):
+        Recording(path).arena()
+    with pytest.raises(RecordingError, match="damaged"):
+        read(path)
+    recover(path, tmp_path / "recovered.mcap")
+    again = Recording(tmp_path / "recovered.mcap")
+    assert {"config.toml.damaged"} == {name for name in again.attachments if name.startswith("config.toml")}
+    assert again.damaged == set()
