@@ -66,6 +66,34 @@ class PageMemory:
         self._numbers = 0
         self.roll = Roll()
 
+    def frame_age_s(self, now_ns: int) -> float:
+        """Since the last pose frame arrived; -1 for never."""
+        return (now_ns - self._frame_ns) / 1e9 if self._frame else -1.0
+
+    def poses(self, now_ns: int) -> dict[str, Any]:
+        """What moves between two views: (x, y, heading, valid) of every robot, None where it was never seen.
+
+        ``hold`` is how much of its occupying time each robot that occupies a target has behind it.
+        """
+        bodies = self._bodies
+        return {
+            "kind": "poses",
+            "t": now_ns // 1_000_000,
+            "age_s": round(self.frame_age_s(now_ns), 3),
+            "poses": [
+                (round(pose[0], 4), round(pose[1], 4), round(pose[2], 3), int(bodies[name].valid))
+                if (pose := self._poses.get(name)) is not None
+                else None
+                for name in self._names
+            ],
+            "hold": {self._index[name]: self.hold_share(name, now_ns) for name in self._holds},
+        }
+
+    def hold_share(self, name: str, now_ns: int) -> float | None:
+        """Of its occupying time that a robot has behind it; None while it occupies nothing."""
+        held_ns, whole_s = self._holds.get(name), max(1e-3, self.arena.control.occupying_time_s)
+        return None if held_ns is None else round(min(1.0, (now_ns - held_ns) / 1e9 / whole_s), 3)
+
     def receive(self, message: Message, arrival_ns: int) -> None:
         match message:
             case MocapFrame():

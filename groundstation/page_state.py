@@ -103,29 +103,6 @@ class PageState(PageMemory):
         view |= bar(self, rows, graph, gone, now_ns)
         return view
 
-    def poses(self, now_ns: int) -> dict[str, Any]:
-        """What moves between two views: (x, y, heading, valid) of every robot, None where it was never seen.
-
-        ``hold`` is how much of its occupying time each robot that occupies a target has behind it.
-        """
-        bodies = self._bodies
-        return {
-            "kind": "poses",
-            "t": now_ns // 1_000_000,
-            "age_s": round(self.frame_age_s(now_ns), 3),
-            "poses": [
-                (round(pose[0], 4), round(pose[1], 4), round(pose[2], 3), int(bodies[name].valid))
-                if (pose := self._poses.get(name)) is not None
-                else None
-                for name in self._names
-            ],
-            "hold": {self._index[name]: self._hold_share(name, now_ns) for name in self._holds},
-        }
-
-    def _hold_share(self, name: str, now_ns: int) -> float | None:
-        held_ns, whole_s = self._holds.get(name), max(1e-3, self.arena.control.occupying_time_s)
-        return None if held_ns is None else round(min(1.0, (now_ns - held_ns) / 1e9 / whole_s), 3)
-
     def remember(self, now_ns: int) -> None:
         """Keep the history while nobody looks, too."""
         if self._due():
@@ -149,10 +126,6 @@ class PageState(PageMemory):
         """Processes of the station that were there and are not."""
         silent_s = (now_ns - self.status_ns) / 1e9 if self.status is not None else 0.0
         return missing(self.arena, self.roll, silent_s if silent_s > SILENT_S else None, now_ns)
-
-    def frame_age_s(self, now_ns: int) -> float:
-        """Since the last pose frame arrived; -1 for never."""
-        return (now_ns - self._frame_ns) / 1e9 if self._frame else -1.0
 
     def report_age_s(self, robot: str, now_ns: int) -> float:
         """Since the robot's last report arrived; -1 for never."""
@@ -250,7 +223,7 @@ class PageState(PageMemory):
             pose=self._poses.get(name),
             exposure_ns=self._frame.exposure_ns if self._frame else None,
             speed_mps=self.speed_mps(name),
-            hold_share=self._hold_share(name, now_ns),
+            hold_share=self.hold_share(name, now_ns),
             acknowledged_ns=self.latch.acknowledged_ns.get(name),
             away_m=away_m,
             trouble=trouble,
