@@ -30,7 +30,7 @@ class Virtual:
         self.arena = arena
         self.keys = Keys(arena.arena.name)
         self.agents = {name: Agent(arena, name, boot=1) for name in arena.robots}
-        plants = {name: Plant(pose, BRAKE) for name, pose in zip(arena.robots, poses, strict=True)}
+        plants = self.plants = {name: Plant(pose, BRAKE) for name, pose in zip(arena.robots, poses, strict=True)}
         self.hops: Hops[Any] = (
             Wire(arena, plants, self.agents, seed=1) if wired else ShortCut(arena, plants, self.agents)
         )
