@@ -37,7 +37,7 @@ class EmulatedRoboclaw:
         left = Shaft(wheels.left, options.gear_ratio, options.left_inverted)
         right = Shaft(wheels.right, options.gear_ratio, options.right_inverted)
         shafts = (left, right) if options.left == 1 else (right, left)
-        self._channels = tuple(Channel(shaft, options.counts_per_revolution, start_counts) for shaft in shafts)
+        self.channels = tuple(Channel(shaft, options.counts_per_revolution, start_counts) for shaft in shafts)
         self._mixed: dict[str, int] = {}
         """Forward and turning of the mixed commands, -127 to 127, as far as they were given."""
         self._settings = Settings()
@@ -48,10 +48,10 @@ class EmulatedRoboclaw:
         self._handlers: dict[int, Callable[..., None]] = {
             14: self._set_timeout,
             20: self._reset_encoders,
-            22: self._channels[0].set_encoder,
-            23: self._channels[1].set_encoder,
-            28: self._channels[0].set_gains,
-            29: self._channels[1].set_gains,
+            22: self.channels[0].set_encoder,
+            23: self.channels[1].set_encoder,
+            28: self.channels[0].set_gains,
+            29: self.channels[1].set_gains,
             32: lambda duty: self._duty(0, duty),
             33: lambda duty: self._duty(1, duty),
             34: self._duty_both,
@@ -129,7 +129,7 @@ class EmulatedRoboclaw:
                 wheel.release()
 
     def set_sensor_sign(self, sign: float) -> None:
-        for channel in self._channels:
+        for channel in self.channels:
             channel.shaft.sensor_sign = sign
 
     def _expiry_ns(self) -> int | None:
@@ -185,12 +185,12 @@ class EmulatedRoboclaw:
             return self._settings.read(command)
         if command == 15:
             return bytes((self.timeout_tenths,))
-        first, second = self._channels
+        first, second = self.channels
         if command in (16, 17):
-            channel = self._channels[command - 16]
+            channel = self.channels[command - 16]
             return struct.pack(">IB", channel.encoder, 2 if channel.qpps < 0 else 0)
         if command in (18, 19, 30, 31):
-            speed = self._channels[command % 2].qpps
+            speed = self.channels[command % 2].qpps
             return struct.pack(">IB", abs(speed), 1 if speed < 0 else 0)
         if command == 21:
             return self.version.encode() + b"\0"
@@ -205,7 +205,7 @@ class EmulatedRoboclaw:
         if command == 49:
             return struct.pack(">hh", 10, 10)
         if command in (55, 56):
-            return struct.pack(">IIII", *self._channels[command - 55].gains)
+            return struct.pack(">IIII", *self.channels[command - 55].gains)
         if command == 78:
             return struct.pack(">II", first.encoder, second.encoder)
         if command in (79, 108):
@@ -220,21 +220,21 @@ class EmulatedRoboclaw:
         self.timeout_tenths = tenths
 
     def _reset_encoders(self) -> None:
-        for channel in self._channels:
+        for channel in self.channels:
             channel.set_encoder(0)
 
     def _speed(self, channel: int, qpps: int, qpps_per_s: int | None = None) -> None:
         if self.status & 0x4001:
-            self._channels[channel].duty(0)
+            self.channels[channel].duty(0)
         else:
-            self._channels[channel].speed(qpps, qpps_per_s)
+            self.channels[channel].speed(qpps, qpps_per_s)
 
     def _speed_both(self, m1: int, m2: int, growth_1: int | None = None, growth_2: int | None = None) -> None:
         self._speed(0, m1, growth_1)
         self._speed(1, m2, growth_2)
 
     def _duty(self, channel: int, duty: int) -> None:
-        self._channels[channel].duty(0 if self.status & 1 else duty)
+        self.channels[channel].duty(0 if self.status & 1 else duty)
 
     def _duty_both(self, m1: int, m2: int) -> None:
         self._duty(0, m1)

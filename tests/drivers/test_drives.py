@@ -401,7 +401,8 @@ def test_roboclaw_watchdog_finer_than_the_device_counts_is_refused() -> None:
 @pytest.mark.parametrize("start", [2**32 - 3, 2**31 - 2, 5])
 def test_roboclaw_encoders_wrap_without_a_jump(start: int) -> None:
     bench = Bench("roboclaw")
-    bench.device._offsets[:] = [start, start]
+    for channel in bench.device.channels:
+        channel.set_encoder(start)
     bench.start()
     for _ in range(20):
         feedback = bench.run(0.05, (3.0, -3.0))
