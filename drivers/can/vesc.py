@@ -6,40 +6,29 @@ Status messages 1 and 5 are off by default and carry no fault code. The time-out
 Tool; ``watchdog_s`` states it.
 """
 
-import math
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Literal
 
-from msgspec import Meta
-
-from contract.tables import Fault
 from drivers.base import STANDSTILL, Site, WheelSpeeds
 from drivers.can import vesc_codec as codec
 from drivers.can.family import CanDrive, CanOptions, open_port
 from drivers.can.frame import CanFrame
-from drivers.conversion import WheelScale
-from drivers.family import WheelMotor, pair_faults, undeclared
+from drivers.family import WheelMotor
 from drivers.ports import FramePort
+from drivers.vesc_motor import (
+    WATCHDOG_TEXT,
+    Amperes,
+    Controller,
+    MinErpm,
+    PolePairs,
+    Seconds,
+    check,
+    dead_zone_radps,
+    motor_of,
+    rounded_erpm,
+)
 
 __all__ = ["Drive", "Options", "check", "open_port"]
-
-Controller = Annotated[int, Meta(ge=0, le=codec.MAX_ID, description="VESC id, App Settings > General")]
-PolePairs = Annotated[int, Meta(ge=1, le=100, description="of the motor: electrical turns per shaft turn")]
-MinErpm = Annotated[float, Meta(ge=0.0, le=100_000.0, description="s_pid_min_erpm; slower commands get no current")]
-Amperes = Annotated[float, Meta(gt=0.0, le=200.0, description="current that brakes and holds a zero")]
-Seconds = Annotated[
-    float,
-    Meta(
-        ge=0.0,
-        le=2.0,
-        description="App Settings > General > Timeout, as set in VESC Tool (1 s by default: lower it); "
-        "0 accepts that a hung computer leaves the wheels turning",
-    ),
-]
-WATCHDOG_TEXT = (
-    "set App Settings > General > Timeout in VESC Tool and write the same seconds here "
-    "(0 accepts the risk of a robot without one)"
-)
 
 
 class Options(CanOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -52,26 +41,6 @@ class Options(CanOptions, frozen=True, forbid_unknown_fields=True, kw_only=True)
     min_erpm: MinErpm = 900.0
     brake_a: Amperes = 5.0
     watchdog_s: Seconds | None = None
-
-
-def check(options: Options, path: str) -> list[Fault]:
-    """What no single key shows."""
-    return pair_faults(options.left, options.right, path) + undeclared(options.watchdog_s, path, WATCHDOG_TEXT)
-
-
-def motor_of(name: str, device: int, pole_pairs: int, gear_ratio: float, inverted: bool) -> WheelMotor:
-    """A wheel counted in electrical rpm and tachometer steps."""
-    speed = WheelScale.of(60.0 * pole_pairs, gear_ratio, inverted)
-    steps = WheelScale.of(float(codec.TACHO_STEPS_PER_ERPM_TURN * pole_pairs), gear_ratio, inverted)
-    return WheelMotor(name, device, speed, steps, 32)
-
-
-def rounded_erpm(motor: WheelMotor, radps: float, min_erpm: float) -> int | None:
-    """Setpoint in electrical rpm; None where the controller would apply no current."""
-    erpm = motor.speed.to_device(radps)
-    if -min_erpm < erpm < min_erpm or -0.5 < erpm < 0.5:
-        return None
-    return round(erpm) if -2e9 <= erpm <= 2e9 else round(math.copysign(2e9, erpm))
 
 
 class Drive(CanDrive[Options, WheelMotor]):
@@ -89,7 +58,7 @@ class Drive(CanDrive[Options, WheelMotor]):
 
     @property
     def dead_zone_radps(self) -> float:
-        return self.options.min_erpm / abs(self.motors[0].speed.units_per_rad)
+        return dead_zone_radps(self.motors[0], self.options.min_erpm)
 
     def cycle(self) -> Sequence[CanFrame]:
         return [

@@ -11,13 +11,23 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from contract.messages import WheelFeedback
-from contract.tables import Fault
 from drivers.base import STANDSTILL, Site, WheelSpeeds
-from drivers.can.vesc import WATCHDOG_TEXT, Amperes, Controller, MinErpm, PolePairs, Seconds, motor_of, rounded_erpm
-from drivers.family import WheelMotor, pair_faults, undeclared
+from drivers.family import WheelMotor
 from drivers.ports import BytePort
 from drivers.serial import vesc_packet as codec
 from drivers.serial.family import SerialDrive, SerialOptions, open_port
+from drivers.vesc_motor import (
+    WATCHDOG_TEXT,
+    Amperes,
+    Controller,
+    MinErpm,
+    PolePairs,
+    Seconds,
+    check,
+    dead_zone_radps,
+    motor_of,
+    rounded_erpm,
+)
 
 __all__ = ["Drive", "Options", "check", "open_port"]
 
@@ -35,11 +45,6 @@ class Options(SerialOptions, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     min_erpm: MinErpm = 900.0
     brake_a: Amperes = 5.0
     watchdog_s: Seconds | None = None
-
-
-def check(options: Options, path: str) -> list[Fault]:
-    """What no single key shows."""
-    return pair_faults(options.left, options.right, path) + undeclared(options.watchdog_s, path, WATCHDOG_TEXT)
 
 
 class _Setpoints:
@@ -85,7 +90,7 @@ class Drive(SerialDrive[Options]):
 
     @property
     def dead_zone_radps(self) -> float:
-        return self.options.min_erpm / abs(self._motors[0].speed.units_per_rad)
+        return dead_zone_radps(self._motors[0], self.options.min_erpm)
 
     def configure(self) -> None:
         self.accept_watchdog(self.options.watchdog_s, WATCHDOG_TEXT)
