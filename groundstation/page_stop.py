@@ -10,6 +10,7 @@ from typing import NamedTuple
 from contract.messages import OrderRequest, RobotReport, StopRequest
 from groundstation.scenes import label
 
+MOST_NAMED = 8
 CONFIRM_NS = 500_000_000
 REPEAT_NS = 50_000_000
 RELEASE_NS = 5_000_000_000
@@ -99,8 +100,11 @@ class StopLatch:
         return False if now_ns - self.pressed.since_ns >= CONFIRM_NS else None
 
     def word(self, silent: Sequence[str]) -> str:
-        """What has to be typed to release."""
-        return "RELEASE" + ("-NOT-" + "-".join(map(label, silent)) if silent else "")
+        """What has to be typed to release; very many silent robots are counted, not named."""
+        if not silent:
+            return "RELEASE"
+        names = "-".join(map(label, silent)) if len(silent) <= MOST_NAMED else f"{len(silent)}-ROBOTS"
+        return f"RELEASE-NOT-{names}"
 
     def release(self, typed: str, silent: Sequence[str], number: int, source: str, now_ns: int) -> str:
         """Release the robots that answered; '' if under way, else why not. Silent robots stay latched."""

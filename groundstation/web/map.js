@@ -100,6 +100,7 @@ export class ArenaMap {
     this.ground.draw(this, this.trails, now);
     if (!view) return;
     const robots = view.robots, chosen = this.rings && !this.stopped ? robots.findIndex((r, k) => r.id === this.selected && this.seen[k]) : -1;
+    this.tokens.keep(this);
     if (chosen >= 0) drawRings(this, chosen);
     for (let k = 0; k < robots.length; k += 1) if (this.seen[k]) drawDoubt(this, robots[k], k);
     this.drawLinks(view.links, seed.open);

@@ -126,8 +126,8 @@ export function drawLog(view, rows) {
 }
 
 export function drawRelease(stop, typed, message) {
-  const rest = stop.silent.length;
-  text($("release-why"), !stop.known ? "Waiting for the robots' answers." : rest ? `${stop.failed.map((f) => f.label).join(", ")} ${rest > 1 ? "are" : "is"} not confirmed: latched on, and you name ${rest > 1 ? "them" : "it"}.` : "All robots confirmed. Type the word to unlock.");
+  const rest = stop.silent.length, names = stop.failed.slice(0, 8).map((f) => f.label).join(", ") + (rest > 8 ? ` and ${rest - 8} more` : "");
+  text($("release-why"), !stop.known ? "Waiting for the robots' answers." : rest ? `${names} ${rest > 1 ? "are" : "is"} not confirmed: latched on, and you ${rest > 8 ? "count them" : rest > 1 ? "name them" : "name it"}.` : "All robots confirmed. Type the word to unlock.");
   text($("release-ghost"), stop.word.startsWith(typed) ? typed + stop.word.slice(typed.length) : "");
   $("release-button").disabled = typed !== stop.word || stop.releasing || !stop.known;
   text($("release-message"), message);

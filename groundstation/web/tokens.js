@@ -6,9 +6,11 @@ const HEADINGS = 64, HOLDS = 40, TAU = 2 * Math.PI;
 export class Tokens {
   constructor() { this.sprites = new Sprites(); }
 
+  /** Forget what was drawn for another size. */
+  keep(map) { this.sprites.keep(`${map.radius}|${map.ratio}|${map.many}`); }
+
   /** All robots; many of them as sprites, few of them as paths with their ids. */
   draw(map, robots) {
-    this.sprites.keep(`${map.radius}|${map.ratio}|${map.many}`);
     for (let k = 0; k < robots.length; k += 1) if (map.seen[k]) this.one(map, robots[k], k);
   }
 
@@ -72,7 +74,12 @@ function drawToken(c, x, y, r, way, kind, many) {
 export function drawDoubt(map, robot, k) {
   const lost = map.unconfirmed(robot), calm = map.stopped && robot.run === "stopped";
   if (!lost && !(robot.trouble?.level === "fault" && !calm)) return;
-  const c = map.c, x = map.sx[k], y = map.sy[k], r = map.radius * (lost ? 4.2 : 3.1);
+  const x = map.sx[k], y = map.sy[k], r = map.radius * (lost ? 4.2 : 3.1);
+  if (map.many) map.tokens.sprites.put(map.c, map.ratio, `doubt${lost}`, x, y, r + 3, (s) => drawCircle(s, 0, 0, r, lost));
+  else drawCircle(map.c, x, y, r, lost);
+}
+
+function drawCircle(c, x, y, r, lost) {
   c.save(); c.beginPath(); c.arc(x, y, r, 0, 7); c.globalAlpha = 0.75; c.fillStyle = color("--red-soft"); c.fill(); c.globalAlpha = 1;
   c.strokeStyle = color("--red-text"); c.lineWidth = lost ? 3 : 2.4;
   if (!lost) c.setLineDash([3, 6]);

@@ -429,3 +429,16 @@ def test_a_page_on_another_computer_judges_a_robots_clock_by_the_sites(
         state.receive(report(arena, "r06", stamp_ns=days_ns + now_ns), now_ns)
         found = state.complaints(now_ns)
     assert [trouble.title for name, trouble in found.items() if name == "r06"] == titles
+
+
+def test_very_many_silent_robots_are_counted_not_named() -> None:
+    names = [f"r{k:02d}" for k in range(1, 51)]
+    latch = StopLatch(names)
+    assert latch.word(names[:8]) == "RELEASE-NOT-1-2-3-4-5-6-7-8"
+    assert latch.word(names[:9]) == "RELEASE-NOT-9-ROBOTS"
+    latch.press(7, "Space", 0)
+    assert latch.release("RELEASE-NOT-10-ROBOTS", names[:9], 1, "page", 1) == "type RELEASE-NOT-9-ROBOTS"
+    assert latch.release("RELEASE-NOT-9-ROBOTS", names[:9], 1, "page", 1) == ""
+    (request,) = latch.due(1)
+    assert isinstance(request, OrderRequest)
+    assert set(request.robots) == set(names[9:])

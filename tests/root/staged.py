@@ -275,6 +275,7 @@ def unready() -> Stage:
 
 
 SCENES["m-many"] = crowd
+SCENES["m-not-confirmed"] = lambda: crowd().stop(*list(many().robots)[5:]).later(1.0).standing(*list(many().robots)[5:])
 SCENES["m-waiting"] = unready
 
 

@@ -24,6 +24,7 @@ WORDS = {
     "a": "DISARMED", "a-armed": "ARMED", "b-running": "RUNNING", "b-holding": "HOLDING", "b-completed": "COMPLETED",
     "b-homing": "HOMING", "c": "RUNNING", "c-station-gone": "NO STATION", "c-router-gone": "NO STATION",
     "d": "STOPPED", "d-stopping": "STOPPING", "m": "RUNNING", "m-waiting": "DISARMED",
+    "m-not-confirmed": "STOPPED",
 }  # fmt: skip
 
 SEEN = """([whole, touch]) => {
