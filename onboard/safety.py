@@ -216,8 +216,6 @@ class Supervisor:
             return
         if self.state in POWERED and after not in POWERED:
             self._settling, self._settle_from_ns = True, now_ns
-        elif after in POWERED:
-            self._settling = False
         self.state, self._reason, self._remedy, self._failsafe = after, reason, remedy, ""
 
 

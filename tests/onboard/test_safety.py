@@ -590,6 +590,23 @@ def test_a_station_that_another_took_over_from_is_heard_no_more(boot: int) -> No
     assert bench.supervisor.ignored_heartbeats == 1
 
 
+@pytest.mark.parametrize("back", [0, 1, 5])
+def test_a_heartbeat_that_is_repeated_or_overtaken_is_ignored(back: int) -> None:
+    bench = Bench()
+    for mission in ("first", "second", "third", "fourth", "fifth", "sixth"):
+        bench.beat("disarm", mission=mission)
+    bench.beat("disarm", mission="late", seq=bench.seq - back)
+    assert (bench.supervisor.mission, bench.supervisor.ignored_heartbeats) == ("sixth", 1)
+
+
+@pytest.mark.parametrize("apart", [-1, 1])
+def test_an_older_and_a_newer_schema_both_refuse_to_arm(apart: int) -> None:
+    bench = Bench()
+    bench.order("arm", schema_version=SCHEMA_VERSION + apart)
+    assert bench.supervisor.state == "disarmed"
+    assert f"message schema {SCHEMA_VERSION + apart}" in bench.assess().reason
+
+
 def test_where_to_wait_is_what_the_newest_heartbeat_says() -> None:
     bench = Bench()
     bench.beat("disarm", aside={"r06": (1.5, 2.0), "r08": (0.5, 0.5)})
