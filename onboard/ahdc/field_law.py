@@ -23,9 +23,10 @@ from onboard.ahdc.view import Goal, View
 from onboard.unicycle import turn_gain_per_s
 
 ADD_SHARE = 0.8
-"""Links are offered up to this share of r_c'."""
+"""Links are offered up to this share of what is left of r_c' after half a robot's longest way to rest."""
 REMOVE_SHARE = 0.82
-"""Removal is tried beyond this share, where a detour of shorter links exists."""
+"""Removal is tried beyond this share of it, where a detour of shorter links exists: before the bound makes wait, which
+looks at where both come to rest, and while the messages of a removal are under way."""
 LISTEN_S = 0.3
 """A robot that has just come hears everybody around within this time, ten state messages long."""
 CLOSING_TIME_S = 0.25
@@ -64,6 +65,9 @@ class FieldLaw:
         self._turn_gain_per_s = turn_gain_per_s(slow + 2 * period_s)
         self._approach_m = 1.01 * stop_distance_m(parameters.max_speed_mps, self._approach)
         """Nearer to its goal than this a robot may have to be slower than u_max."""
+        rest_m = stop_distance_m(parameters.max_speed_mps, Brake(weak, slow))
+        self._spacious_m = max(parameters.link_radius_m / 2, parameters.link_radius_m - rest_m / 2)
+        """Links shorter than about this hold nobody back."""
         self._next_removal_s = 0.0
 
     def keep_links(self, view: View) -> None:
@@ -72,7 +76,7 @@ class FieldLaw:
         entries = links.entries
         p = self._parameters
         own = view.motion[:2]
-        reach_m = ADD_SHARE * p.link_radius_m if self.joined else p.sensing_radius_m
+        reach_m = ADD_SHARE * self._spacious_m if self.joined else p.sensing_radius_m
         silent = []
         if self._came_s is None:
             self._came_s = now_s
@@ -113,7 +117,7 @@ class FieldLaw:
     def _try_removal(self, view: View, own: Vector) -> None:
         """Propose giving up the longest link for which a common neighbour offers two shorter ones."""
         links, sighted, robot = self.links, view.sighted, self.robot
-        removable_m = REMOVE_SHARE * self._parameters.link_radius_m
+        removable_m = REMOVE_SHARE * self._spacious_m
         long = []
         for name, seen in sighted.items():
             if robot < name:
