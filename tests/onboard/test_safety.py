@@ -626,6 +626,39 @@ def test_an_order_refused_while_disarmed_leaves_no_trace_but_the_reason(order: s
     assert (bench.supervisor.order_id, bench.assess().reason) == (bench.order_id, "")
 
 
+def test_motors_keep_their_power_while_a_robot_that_has_run_for_long_comes_to_rest() -> None:
+    bench = Bench().to("running")
+    for _ in range(3):
+        bench.now += 20 * MS
+        bench.beat("run")
+        assert bench.assess().enable
+    bench.now += 20 * MS
+    bench.assess(left_mps=0.5)
+    bench.order("stop")
+    assert bench.assess(left_mps=0.5).enable
+    bench.now += 20 * MS
+    bench.beat("stop")
+    assert not bench.assess().enable
+
+
+def test_only_a_run_can_be_a_way_home_and_only_disarm_clears_a_reason() -> None:
+    bench = Bench().to("stopped")
+    reason = bench.assess().reason
+    assert reason
+    bench.order("arm")
+    assert bench.assess().reason == reason
+    bench.order("stop", home=True)
+    assert not bench.supervisor.homing
+
+
+def test_arming_what_is_armed_is_obeyed_whatever_the_station_says_of_itself() -> None:
+    """Refused is only what would enable motors; the next look sees the mismatch."""
+    bench = Bench().to("armed")
+    bench.order("arm", arena_hash="0" * 12)
+    assert bench.supervisor.order_id == bench.order_id
+    assert bench.assess().failsafe == "station_mismatch"
+
+
 def test_a_supervisor_just_made_knows_no_mission_and_settles_nothing() -> None:
     """On a computer that has just started, too: its clock begins at zero."""
     supervisor = Supervisor(ARENA, "r06")
