@@ -18,6 +18,8 @@ class VescSettings(NamedTuple):
     status_ns: int = 10_000_000
     timeout_ns: int = 1_000_000_000
     min_erpm: float = 900.0
+    ramp_erpm_per_s: float = 25_000.0
+    """The speed setpoint grows and falls no faster, whatever the motor can (``s_pid_ramp_erpms_s``)."""
     volts: float = 24.0
 
 
@@ -55,6 +57,11 @@ class EmulatedVescs:
             Controller("left", options.left, pairs, Shaft(wheels.left, gear, options.left_inverted)),
             Controller("right", options.right, pairs, Shaft(wheels.right, gear, options.right_inverted)),
         )
+        for controller in self.controllers:
+            wheel, per_rad = controller.shaft.wheel, abs(controller.shaft.turns_per_rad)
+            wheel.acceleration_radps2 = min(
+                wheel.limits.acceleration_radps2, settings.ramp_erpm_per_s / (60.0 * pairs * per_rad)
+            )
         self._due_ns = 0
         self._now_ns: int | None = None
 

@@ -1,5 +1,7 @@
 """What the makers' manuals warn of, on the emulated devices themselves."""
 
+import itertools
+import math
 import struct
 
 import pytest
@@ -196,3 +198,18 @@ def test_pitfall_a_vesc_needs_no_enabling_and_coasts_at_current_zero() -> None:
     device.advance(950 * MS)
     assert not wheel.powered
     assert wheel.radps > 15.0, "rolls on"
+
+
+def test_pitfall_a_vesc_ramps_its_setpoint_whatever_the_motor_can() -> None:
+    """25000 electrical rpm a second: with a gear of 10 weaker than most robots brake."""
+    options = VescOptions(kind="vesc", channel="x", left=1, right=2, pole_pairs=7, gear_ratio=10.0, watchdog_s=0.2)
+    ramp_radps2 = 25_000 / 60 / 7 / 10 * 2 * math.pi
+    device = EmulatedVescs(options, Wheels.of(MotorLimits(lag_s=0.01)), VescSettings())
+    assert device.wheels.left.limits.acceleration_radps2 > 1.2 * ramp_radps2
+    device.advance(0)
+    device.take_frame(CanFrame(3 << 8 | 1, (10_000).to_bytes(4, "big"), True), 0)
+    speeds = []
+    for k in range(1, 4):
+        device.advance(k * 50 * MS)
+        speeds.append(device.wheels.left.radps)
+    assert [after - before for before, after in itertools.pairwise(speeds)] == pytest.approx([0.05 * ramp_radps2] * 2)
