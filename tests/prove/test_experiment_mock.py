@@ -24,9 +24,14 @@ timeout_s = 60
 PATIENCE_S = 120.0
 
 
+def heeding() -> None:
+    """Also where the proof itself runs in the background of a shell, which then ignores SIGINT for all it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def begin(file: Path, out: Path) -> "subprocess.Popen[bytes]":
     words = [sys.executable, "-m", "groundstation", "experiment", str(file), "--out", str(out)]
-    return subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    return subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, preexec_fn=heeding)
 
 
 def until(process: "subprocess.Popen[bytes]", words: bytes) -> bytes:
