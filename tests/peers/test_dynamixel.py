@@ -67,10 +67,9 @@ def test_the_makers_sdk(link: str) -> None:
     assert peer.regWriteTxRx(port, 1, 65, 1, [1]) == (0, 0)
     assert (peer.read1ByteTxRx(port, 1, 65)[0], peer.read1ByteTxRx(port, 1, 69)[0]) == (0, 1)
     assert peer.action(port, 1) == 0
-    for _ in range(100):
-        port.clearPort()
-        if peer.read1ByteTxRx(port, 1, 69) == (0, 0, 0):
-            break
+    port.setPacketTimeout(11)
+    assert peer.rxPacket(port, False)[1] == 0, "the SDK leaves the answer to an action unread"
+    assert peer.read1ByteTxRx(port, 1, 69) == (0, 0, 0)
     assert peer.read1ByteTxRx(port, 1, 65) == (1, 0, 0)
     assert peer.clearMultiTurn(port, 2) == (0, 0)
     bulk = sdk.GroupBulkRead(port, peer)
