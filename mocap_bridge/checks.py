@@ -4,15 +4,24 @@ No filtering: a body's pose is published as it came, with a verdict. The order o
 that of :data:`REASONS`; the first that fails names the reason.
 """
 
-import math
 from math import floor, isfinite
 
 from contract.arena import Arena
 from contract.messages import BodyPose
-from mocap_bridge.continuity import SURE_NORM2, Continuity, Seen
+from mocap_bridge.continuity import Continuity, Seen
 from mocap_bridge.frames import ArenaFrame, Pose
+from mocap_bridge.limits import (
+    FAR_M,
+    FREEZE_NS,
+    MARKER_ERROR_M,
+    MARKER_ERROR_WARN_M,
+    QUATERNION_NORM_ERROR,
+    TILT_COS,
+    box_of,
+)
 from mocap_bridge.natnet.frame import TRACKING_VALID, Body
 from mocap_bridge.sources.base import SourceFrame
+from mocap_bridge.steady import Steady
 from mocap_bridge.track import Track
 
 REASONS = {
@@ -33,19 +42,7 @@ REASONS = {
 }
 """Reasons that :attr:`contract.messages.BodyPose.reason` can have."""
 
-QUATERNION_NORM_ERROR = 0.01
-FREEZE_NS = 250_000_000
-MARKER_ERROR_WARN_M = 0.002
-MARKER_ERROR_M = 0.010
-FAR_M = 50.0
-TILT_COS = math.cos(math.radians(45.0))
-BOX_MARGIN_M = 0.1
-BOX_HEIGHT_M = 2.5
-
 _NORM_LOW, _NORM_HIGH = (1.0 - QUATERNION_NORM_ERROR) ** 2, (1.0 + QUATERNION_NORM_ERROR) ** 2
-_FAR_M2, _LEAST_M = FAR_M * FAR_M, -BOX_MARGIN_M
-_SURE_M = 0.57 * FAR_M
-"""With no coordinate beyond this a body is less than :data:`FAR_M` away."""
 
 
 class Checker:
@@ -53,13 +50,15 @@ class Checker:
 
     def __init__(self, arena: Arena, allow_edited: bool = False) -> None:
         self._pose_of = ArenaFrame(arena.mocap).pose_of
-        self._width_m, self._depth_m = (size + BOX_MARGIN_M for size in arena.arena.size_m)
+        self._box = box_of(arena)
         self._allow_edited = allow_edited
         self.tracks = [Track(name, robot.body, robot.heading_offset_rad) for name, robot in arena.robots.items()]
         self._continuity = Continuity(self.tracks, arena.mocap.max_body_speed_mps)
+        self._steady = Steady(arena, self.tracks, self._continuity)
 
     def restart(self) -> None:
         """The source has started anew: forget poses, keep the counts."""
+        self._steady.forget()
         for track in self.tracks:
             track.raw = None
         self._continuity.restart()
@@ -67,60 +66,37 @@ class Checker:
     def check(self, frame: SourceFrame) -> tuple[BodyPose, ...]:
         """A verdict on every robot's body, in the order of the arena file."""
         now_ns = frame.exposure_ns
-        bodies, edited = frame.bodies, frame.edited and not self._allow_edited
-        continuity, glance, look = self._continuity, self._glance, self._look
-        last_ns, (near_m2, least) = continuity.last_ns, continuity.sure(now_ns)
-        seen: list[Seen | None] = []
-        steady: list[Seen] = []
-        doubted: list[Seen] = []
-        for track in self.tracks:
-            body = bodies.get(track.body)
+        edited = frame.edited and not self._allow_edited
+        verdicts, gone_on, others = self._steady.go_on({} if edited else frame.bodies, now_ns)
+        if others:
+            self._judge(frame, edited, gone_on, others)
+            for place in others:
+                verdicts[place] = _verdict(self.tracks[place])
+        self._steady.keep(gone_on, others, now_ns)
+        self._continuity.last_ns = now_ns
+        return tuple(verdicts)
+
+    def _judge(self, frame: SourceFrame, edited: bool, gone_on: list[Body | None], others: list[int]) -> None:
+        """Believe the bodies at the places ``others``, or give their tracks the reason why not."""
+        steady, now_ns = self._steady, frame.exposure_ns
+        steady.settle(others)
+        doubted: dict[int, Seen] = {}
+        for place in others:
+            track = self.tracks[place]
+            body = frame.bodies.get(track.body)
             if body is None or edited:
                 track.reason = "missing" if body is None else "edit_mode"
-                seen.append(None)
-                continue
-            if track.accepted_ns == last_ns >= 0 and track.candidate is None:
-                pose = glance(track, body, near_m2, least)
-                if pose is not None:
-                    entry = track, pose, body
-                    seen.append(entry)
-                    steady.append(entry)
-                    continue
-            pose = look(track, body, now_ns)
-            if pose is None:
-                seen.append(None)
-            else:
-                entry = track, pose, body
-                seen.append(entry)
-                doubted.append(entry)
-        continuity.check(seen, steady, doubted, now_ns)
-        return tuple([_verdict(track) for track in self.tracks])
-
-    def _glance(self, track: Track, body: Body, near_m2: float, least: float) -> Pose | None:
-        """The pose of a body that goes on as in the last frame, if it would pass every check by a margin; else None."""
-        _, x, y, z, qx, qy, qz, qw, error_m, params = body
-        _, bx, by, bz, ax, ay, az, aw, _, _ = track.believed
-        dx, dy, dz = x - bx, y - by, z - bz
-        dot = ax * qx + ay * qy + az * qz + aw * qw
-        if (
-            0.0 < dx * dx + dy * dy + dz * dz < near_m2
-            and dot * dot > least
-            and params & TRACKING_VALID
-            and error_m <= MARKER_ERROR_WARN_M
-            and 0.999 < qx * qx + qy * qy + qz * qz + qw * qw < SURE_NORM2
-            and -_SURE_M < x < _SURE_M
-            and -_SURE_M < y < _SURE_M
-            and -_SURE_M < z < _SURE_M
-        ):
-            pose = self._pose_of(x, y, z, qx, qy, qz, qw, track.offset_rad)
-            if (
-                pose.up >= TILT_COS
-                and _LEAST_M <= pose.x_m <= self._width_m
-                and _LEAST_M <= pose.y_m <= self._depth_m
-                and -BOX_HEIGHT_M <= pose.z_m <= BOX_HEIGHT_M
-            ):
-                return pose
-        return None
+            elif (pose := self._look(track, body, now_ns)) is not None:
+                doubted[place] = track, pose, body
+        if not doubted:
+            return
+        sure: dict[int, Seen] = {}
+        for place, (track, body) in enumerate(zip(self.tracks, gone_on, strict=True)):
+            if body is not None:
+                sure[place] = track, steady.pose(track, body), body
+        steady.settle(sure)
+        seen = [sure.get(place) or doubted.get(place) for place in range(len(gone_on))]
+        self._continuity.judge(seen, list(sure.values()), list(doubted.values()), now_ns)
 
     def _look(self, track: Track, body: Body, now_ns: int) -> Pose | None:
         """The pose; None with a reason if that is in this frame alone (or in bits that never change)."""
@@ -135,7 +111,7 @@ class Checker:
             track.reason = "not_finite"
         elif not _NORM_LOW < norm < _NORM_HIGH:
             track.reason = "quaternion_norm"
-        elif square > _FAR_M2:
+        elif square > FAR_M * FAR_M:
             track.reason = "units"
         if track.reason:
             return None
@@ -143,10 +119,11 @@ class Checker:
         if pose.up < TILT_COS:
             track.reason = "tilted"
             return None
+        box = self._box
         if not (
-            _LEAST_M <= pose.x_m <= self._width_m
-            and _LEAST_M <= pose.y_m <= self._depth_m
-            and -BOX_HEIGHT_M <= pose.z_m <= BOX_HEIGHT_M
+            box.least <= pose.x_m <= box.width
+            and box.least <= pose.y_m <= box.depth
+            and -box.height <= pose.z_m <= box.height
         ):
             track.reason = "outside_arena"
             return None

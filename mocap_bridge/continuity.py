@@ -33,6 +33,7 @@ class Continuity:
         self._tracks = tracks
         self._speed_mps = speed_mps
         self.last_ns = -1
+        """Exposure of the last frame; the caller's to keep."""
 
     def restart(self) -> None:
         """The source has started anew: nothing is believed yet."""
@@ -51,21 +52,17 @@ class Continuity:
         farthest, smallest = self._limits(now_ns - self.last_ns)
         return min(0.99 * farthest, _SURE_STEP_M2), _SURE_NORMS * smallest
 
-    def check(self, seen: list[Seen | None], steady: list[Seen], doubted: list[Seen], now_ns: int) -> None:
+    def judge(self, seen: list[Seen | None], steady: list[Seen], doubted: list[Seen], now_ns: int) -> None:
         """Believe the bodies ``steady``; believe those ``doubted``, or give the track the reason why not.
 
         Both go by the order of the tracks; ``seen`` has an entry for every track.
         """
-        if doubted:
-            self._judge(seen, doubted, now_ns)
+        self._judge(seen, doubted, now_ns)
         for track, pose, body in steady:
             track.pose = track.place = pose
-            track.raw = track.believed = body
-            track.reason = ""
-            track.changed_ns = track.accepted_ns = now_ns
-        if doubted:
-            self._follow_places(seen, now_ns)
-        self.last_ns = now_ns
+            track.believed = body
+            track.accepted_ns = now_ns
+        self._follow_places(seen, now_ns)
 
     def _judge(self, seen: list[Seen | None], doubted: list[Seen], now_ns: int) -> None:
         usual_ns, usual = self.last_ns, self._limits(now_ns - self.last_ns)

@@ -4,9 +4,9 @@ import math
 
 from contract.arena import Arena
 from contract.checks import CheckResult, Verdict
-from mocap_bridge.checks import TILT_COS
 from mocap_bridge.evidence import Evidence
 from mocap_bridge.health import CLOCK_WARN_MS, RATE_TOLERANCE
+from mocap_bridge.limits import TILT_COS
 from mocap_bridge.natnet.frame import TRACKING_VALID, Body
 
 HEIGHT_SPREAD_M = 0.5
