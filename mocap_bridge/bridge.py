@@ -18,6 +18,8 @@ from mocap_bridge.timekeeper import Timekeeper
 HEALTH_NS = 1_000_000_000
 LOOK_NS = 20_000_000
 """State changes are noticed this soon without a frame."""
+FLOWING_LOOK_NS = 100_000_000
+"""And this soon while frames come: then they are in what a second of frames was like."""
 WAIT_S = 0.02
 NAME = "mocap_bridge"
 
@@ -35,7 +37,7 @@ class Bridge:
         self._token = session.liveliness().declare_token(keys.presence(NAME))
         self.pipeline = Pipeline(arena, time.monotonic_ns() // 1_000_000, allow_edited)
         self._state = ""
-        self._health_due_ns = self._look_due_ns = 0
+        self._health_due_ns = self._looked_ns = 0
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Until ``stopping()``."""
@@ -48,8 +50,8 @@ class Bridge:
         frames = self._source.receive(now_ns)
         for frame in frames:
             self._frames.put(encode(self.pipeline.frame(frame, time.monotonic_ns())))
-        if now_ns >= self._look_due_ns or now_ns >= self._health_due_ns:
-            self._look_due_ns = now_ns + LOOK_NS
+        if now_ns - self._looked_ns >= (FLOWING_LOOK_NS if frames else LOOK_NS) or now_ns >= self._health_due_ns:
+            self._looked_ns = now_ns
             self._report(now_ns)
         return len(frames)
 

@@ -17,6 +17,8 @@ MAX_FOREIGN = 16
 BROADCAST = "255.255.255.255"
 IP_MULTICAST_ALL = 49
 """Linux: whether a socket hears groups that others have joined, on whatever interface."""
+SEND_NS = 10_000_000
+"""While frames come, what is due is sent this often."""
 FRAMELESS_NS = 1_500_000_000
 """So long after a unicast server has answered without a frame, its data port is listened to as well."""
 
@@ -70,6 +72,7 @@ class NatNetSource:
         self._server = (socket.gethostbyname(server), command_port)
         self._local_address = local_address
         self._frameless_since_ns: int | None = None
+        self._sent_ns = 0
         self._command = _socket((local_address, 0))
         self._sockets = [self._command]
         self._may_listen_more = True
@@ -120,7 +123,9 @@ class NatNetSource:
                 self._take(sock, now_ns, frames)
         self._ready = None
         self.frames_received += len(frames)
-        self.send(now_ns)
+        if not frames or now_ns - self._sent_ns >= SEND_NS:
+            self._sent_ns = now_ns
+            self.send(now_ns)
         if self._may_listen_more:
             self._listen_more(now_ns)
         return frames
