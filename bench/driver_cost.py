@@ -4,21 +4,29 @@
 
 A step is what a robot does 100 times a second: both wheel speeds out, telemetry asked for, telemetry read.
 Bare: the same bytes by ``pyserial`` (write, write, ``in_waiting``, read), or the same frames by ``python-can``'s
-slcan bus (send each, receive until empty); nothing is decoded or checked. So the serial sides make equally many
-writes and reads of equal bytes: the setpoint, the request, one read of all that came. Both run on ptys whose
-other end is the emulated controller in virtual time, outside the timing. ``CPU``: thread time of the step. ``wire``:
-from the call to the setpoint's last byte being readable at the other end. Blocks of the two sides alternate; a ratio
-is the median over adjacent blocks of the ratio of their medians. The collector is set as a robot's process sets it.
+slcan bus (send each, receive until empty), ready made before the run; nothing is encoded, decoded or checked. So the
+serial sides make equally many writes and reads of equal bytes: the setpoint, the request, one read of all that came.
+The commands differ from step to step, and the gate must let every one pass as it is. Both sides run on ptys whose
+other end is the emulated controller in virtual time, outside the timing.
+
+``CPU``: thread time of the step, the calls in full. ``wire``, in steps of its own: from the call until the setpoint's
+last byte was read at the other end, at once after the write(2) that carried it; what either side does after its last
+write (our bookkeeping, pyserial's ``select``, python-can's wait for the line to drain) is no part of it, nor is the
+reading of any write but the last.
+
+Blocks of the two sides alternate and are short, so that both see the same phase of the machine; a ratio is the median
+over adjacent blocks of the ratio of their medians. The collector is set as a robot's process sets it.
 """
 
 import argparse
+import itertools
 import json
 import os
 import statistics
 import sys
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +36,7 @@ import serial
 from contract.arena import Arena, Floor, Robot
 from drivers.base import WheelSpeeds
 from drivers.can.bus import SlcanPort
+from drivers.can.frame import CanFrame
 from drivers.can.slcan_text import SlcanReader
 from drivers.defaults import DEFAULTS
 from drivers.gated import GatedDrive
@@ -37,10 +46,11 @@ from drivers.serial.port import SerialPort
 from onboard.service import quiet
 
 PERIOD_NS = 10_000_000
-BLOCK = 50
-MIN_BLOCKS = 5
+BLOCK = 10
+MIN_BLOCKS = 25
 ROBOT = "r01"
-SPEEDS = WheelSpeeds(3.0, -2.0)
+COMMANDS = tuple(WheelSpeeds(3.0 + 0.011 * step, -2.0 - 0.007 * step) for step in (*range(20), *range(20, 0, -1)))
+write = os.write
 
 
 class Rig:
@@ -94,46 +104,88 @@ def port_of(rig: Rig, family: Family) -> Any:
     return Virtual(rig.path, rate)
 
 
-def timed(rig: Rig, command: Callable[[], object], rest: Callable[[], object]) -> tuple[float, float]:
-    """(CPU, wire) in us of one step; ``rest`` is run once telemetry is there."""
-    begun, cpu = time.perf_counter_ns(), time.thread_time_ns()
-    command()
-    data = rig.heard()
-    wire = time.perf_counter_ns() - begun
-    cpu = time.thread_time_ns() - cpu
-    rig.pump(data)
-    rig.pass_time(PERIOD_NS // 2)
-    begun_cpu = time.thread_time_ns()
-    rest()
-    cpu += time.thread_time_ns() - begun_cpu
-    rig.pass_time(PERIOD_NS // 2)
-    return cpu / 1e3, wire / 1e3
+class Tap:
+    """Stands in for ``os.write`` while a command runs: reads each write's bytes at the other end at once."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self.data = b""
+        self.end_ns = 0
+        """When the last byte so far had been read."""
+        self._aside_ns = 0
+        self._last_read_ns = 0
+
+    def __call__(self, fd: int, data: bytes) -> int:
+        count = write(fd, data)
+        written_ns = time.perf_counter_ns()
+        self.data += self._rig.heard()
+        self.end_ns = time.perf_counter_ns()
+        self._aside_ns += self._last_read_ns
+        self._last_read_ns = self.end_ns - written_ns
+        return count
+
+    def wire_ns(self, begun_ns: int) -> int:
+        """From there to the last byte, all reads but the last left out."""
+        return self.end_ns - begun_ns - self._aside_ns
 
 
-def ours(rig: Rig, drive: GatedDrive) -> Callable[[], tuple[float, float]]:
+class Side:
+    """One way to do a step: ``command`` puts the next setpoint on the wire, ``rest`` asks for and takes telemetry."""
+
+    def __init__(self, rig: Rig, commands: Sequence[Callable[[], object]], rest: Callable[[], object]) -> None:
+        self._rig = rig
+        self._commands = itertools.cycle(commands)
+        self._rest = rest
+
+    def cpu_us(self) -> float:
+        """Of one step."""
+        command = next(self._commands)
+        begun = time.thread_time_ns()
+        command()
+        spent = time.thread_time_ns() - begun
+        self._rig.pass_time(PERIOD_NS // 2)
+        begun = time.thread_time_ns()
+        self._rest()
+        spent += time.thread_time_ns() - begun
+        self._rig.pass_time(PERIOD_NS // 2)
+        return spent / 1e3
+
+    def wire_us(self) -> float:
+        """Of one step."""
+        command = next(self._commands)
+        os.write = tap = Tap(self._rig)  # type: ignore[assignment]
+        begun = time.perf_counter_ns()
+        command()
+        os.write = write
+        self._rig.pump(tap.data)
+        self._rig.pass_time(PERIOD_NS // 2)
+        self._rest()
+        self._rig.pass_time(PERIOD_NS // 2)
+        return tap.wire_ns(begun) / 1e3
+
+
+def ours(rig: Rig, drive: GatedDrive) -> Side:
     def rest() -> None:
         drive.poll(rig.now_ns)
         drive.read(rig.now_ns)
 
-    return lambda: timed(rig, lambda: drive.write(SPEEDS, rig.now_ns), rest)
+    return Side(rig, [lambda speeds=speeds: drive.write(speeds, rig.now_ns) for speeds in COMMANDS], rest)
 
 
-def bare_serial(rig: Rig, setpoint: bytes, question: bytes) -> Callable[[], tuple[float, float]]:
+def bare_serial(rig: Rig, setpoints: Sequence[bytes], question: bytes) -> Side:
     line = serial.Serial(rig.path, 115200, timeout=0)
 
     def rest() -> None:
         line.write(question)
         line.read(line.in_waiting)
 
-    return lambda: timed(rig, lambda: line.write(setpoint), rest)
+    return Side(rig, [lambda packet=packet: line.write(packet) for packet in setpoints], rest)
 
 
-def bare_can(rig: Rig, setpoint: bytes) -> Callable[[], tuple[float, float]]:
+def bare_can(rig: Rig, setpoints: Sequence[bytes]) -> Side:
     bus = can.Bus(interface="slcan", channel=rig.path, bitrate=rig.device.controller.hub.bitrate, sleep_after_open=0)
-    frames = SlcanReader().feed(setpoint)
-    messages = [can.Message(arbitration_id=f.can_id, data=f.data, is_extended_id=f.extended) for f in frames]
 
-    def command() -> None:
+    def send(messages: list[can.Message]) -> None:
         for message in messages:
             bus.send(message)
 
@@ -141,19 +193,28 @@ def bare_can(rig: Rig, setpoint: bytes) -> Callable[[], tuple[float, float]]:
         while bus.serialPortOrig.in_waiting or bus._buffer:
             bus.recv(0)
 
-    return lambda: timed(rig, command, rest)
+    turns = [[message(frame) for frame in SlcanReader().feed(setpoint)] for setpoint in setpoints]
+    return Side(rig, [lambda messages=messages: send(messages) for messages in turns], rest)
 
 
-def recorded(rig: Rig, drive: GatedDrive) -> tuple[bytes, bytes]:
-    """The bytes of one setpoint and of one request for telemetry."""
+def message(frame: CanFrame) -> can.Message:
+    return can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=frame.extended)
+
+
+def recorded(rig: Rig, drive: GatedDrive) -> tuple[list[bytes], bytes]:
+    """The bytes of every setpoint, and of one request for telemetry."""
     rig.pump()
-    drive.write(SPEEDS, rig.now_ns)
-    setpoint = rig.heard()
-    rig.pump(setpoint)
+    setpoints = []
+    for speeds in COMMANDS:
+        drive.write(speeds, rig.now_ns)
+        setpoints.append(rig.heard())
+        rig.pump(setpoints[-1])
+        rig.pass_time(PERIOD_NS)
+        drive.read(rig.now_ns)
     drive.poll(rig.now_ns)
     question = rig.heard()
     rig.pump(question)
-    return setpoint, question
+    return setpoints, question
 
 
 def measure(family: Family, steps: int) -> dict[str, float]:
@@ -162,12 +223,18 @@ def measure(family: Family, steps: int) -> dict[str, float]:
     drive = open_robot(rig.arena, ROBOT, port=port_of(rig, family))
     drive.configure()
     drive.activate(rig.now_ns)
-    for _ in range(20):
-        ours(rig, drive)()
-    setpoint, question = recorded(rig, drive)
+    while drive.gate.permit(COMMANDS[0], rig.now_ns, rig.now_ns) != COMMANDS[0]:
+        rig.pass_time(PERIOD_NS)
+    setpoints, question = recorded(rig, drive)
     is_serial = family.port_key == "port"
-    sides = (ours(rig, drive), bare_serial(other, setpoint, question) if is_serial else bare_can(other, setpoint))
-    blocks = [[medians(side) for side in sides] for _ in range(max(MIN_BLOCKS, steps // BLOCK))]
+    bare = bare_serial(other, setpoints, question) if is_serial else bare_can(other, setpoints)
+    sides = (ours(rig, drive), bare)
+    for side in sides:
+        cost(side, len(COMMANDS))
+    drive.gate.counters.clear()
+    blocks = [[cost(side, BLOCK) for side in sides] for _ in range(max(MIN_BLOCKS, steps // BLOCK))]
+    if drive.gate.counters:
+        raise RuntimeError(f"{family.kind}: the gate changed commands: {dict(drive.gate.counters)}")
     drive.close()
     median = statistics.median
     return {
@@ -188,9 +255,10 @@ class Cost(NamedTuple):
     wire_us: float
 
 
-def medians(step: Callable[[], tuple[float, float]]) -> Cost:
-    """Of one block."""
-    return Cost(*map(statistics.median, zip(*(step() for _ in range(BLOCK)), strict=True)))
+def cost(side: Side, steps: int) -> Cost:
+    """Medians of so many steps each."""
+    cpu_us, wire_us = zip(*((side.cpu_us(), side.wire_us()) for _ in range(steps)), strict=True)
+    return Cost(statistics.median(cpu_us), statistics.median(wire_us))
 
 
 def main() -> int:

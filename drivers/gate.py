@@ -18,6 +18,8 @@ from collections import Counter
 from enum import Enum
 from typing import NamedTuple
 
+from drivers.base import STANDSTILL, WheelSpeeds
+
 
 class GateLimits(NamedTuple):
     """Bounds of one robot's wheels."""
@@ -36,7 +38,6 @@ class GateState(Enum):
 
 
 _ARMED = GateState.ARMED
-ZERO = (0.0, 0.0)
 TOLERANCE = 1.0 + 1e-9
 """A command this little above a bound is rounding, not a fault; it is shrunk without being counted."""
 
@@ -50,7 +51,7 @@ class Gate:
         self._slew_radps_per_ns = limits.max_slew_radps2 * 1e-9
         self.state = GateState.DISARMED
         self.counters: Counter[str] = Counter()
-        self._last = ZERO
+        self._last = STANDSTILL
         self._last_ns = 0
 
     def arm(self, now_ns: int) -> None:
@@ -69,32 +70,32 @@ class Gate:
             self.state = GateState.STOPPED
         self._hold(now_ns)
 
-    def permit(self, left_radps: float, right_radps: float, stamp_ns: int, now_ns: int) -> tuple[float, float]:
+    def permit(self, speeds: WheelSpeeds, stamp_ns: int, now_ns: int) -> WheelSpeeds:
         """What may be sent for a command computed at ``stamp_ns``: itself, shrunk, or zero."""
-        if left_radps == 0.0 and right_radps == 0.0:
-            return self._hold(now_ns)
-        elapsed_ns = now_ns - self._last_ns
-        if self.state is not _ARMED or elapsed_ns < 0 or not 0 <= now_ns - stamp_ns <= self._age_ns:
-            return self._refuse(stamp_ns, now_ns)
-        top = self._top_radps
-        growth = self._slew_radps_per_ns * elapsed_ns
+        left_radps, right_radps = speeds
         last_left, last_right = self._last
-        if (
-            abs(left_radps) <= top
-            and abs(right_radps) <= top
-            and abs(left_radps - last_left) <= growth
+        growth = self._slew_radps_per_ns * (now_ns - self._last_ns)
+        top = self._top_radps
+        if not (
+            abs(left_radps - last_left) <= growth
             and abs(right_radps - last_right) <= growth
+            and abs(left_radps) <= top
+            and abs(right_radps) <= top
+            and (stamp_ns is now_ns or 0 <= now_ns - stamp_ns <= self._age_ns)
+            and self.state is _ARMED
         ):
-            permitted = left_radps, right_radps
-        elif math.isfinite(left_radps) and math.isfinite(right_radps):
-            permitted = self._shrink(left_radps, right_radps, growth)
-        else:
-            self.counters["nonfinite"] += 1
-            return self._hold(now_ns)
-        self._last, self._last_ns = permitted, now_ns
-        return permitted
+            if left_radps == 0.0 and right_radps == 0.0:
+                return self._hold(now_ns)
+            if self.state is not _ARMED or now_ns < self._last_ns or not 0 <= now_ns - stamp_ns <= self._age_ns:
+                return self._refuse(stamp_ns, now_ns)
+            if not (math.isfinite(left_radps) and math.isfinite(right_radps)):
+                self.counters["nonfinite"] += 1
+                return self._hold(now_ns)
+            speeds = self._shrink(left_radps, right_radps, growth)
+        self._last, self._last_ns = speeds, now_ns
+        return speeds
 
-    def tick(self, now_ns: int) -> tuple[float, float] | None:
+    def tick(self, now_ns: int) -> WheelSpeeds | None:
         """A zero to send now because no command came in time, else None.
 
         While armed it is due again after every ``command_age_ns``, which keeps a device watchdog
@@ -102,22 +103,22 @@ class Gate:
         """
         if self.state is GateState.DISARMED or 0 <= now_ns - self._last_ns <= self._age_ns:
             return None
-        if self._last != ZERO:
+        if self._last != STANDSTILL:
             self.counters["clock" if now_ns < self._last_ns else "stale"] += 1
         return self._hold(now_ns)
 
-    def _hold(self, now_ns: int) -> tuple[float, float]:
-        self._last, self._last_ns = ZERO, now_ns
-        return ZERO
+    def _hold(self, now_ns: int) -> WheelSpeeds:
+        self._last, self._last_ns = STANDSTILL, now_ns
+        return STANDSTILL
 
-    def _refuse(self, stamp_ns: int, now_ns: int) -> tuple[float, float]:
+    def _refuse(self, stamp_ns: int, now_ns: int) -> WheelSpeeds:
         if self.state is not _ARMED:
             self.counters[self.state.value] += 1
         else:
             self.counters["clock" if now_ns < self._last_ns or stamp_ns > now_ns else "stale"] += 1
         return self._hold(now_ns)
 
-    def _shrink(self, left_radps: float, right_radps: float, growth_radps: float) -> tuple[float, float]:
+    def _shrink(self, left_radps: float, right_radps: float, growth_radps: float) -> WheelSpeeds:
         factor = 1.0
         peak = max(abs(left_radps), abs(right_radps))
         if peak > self.limits.max_wheel_radps:
@@ -131,7 +132,7 @@ class Gate:
         if slew < 1.0:
             self.counters["slew"] += 1
             factor *= slew
-        return left_radps * factor, right_radps * factor
+        return WheelSpeeds(left_radps * factor, right_radps * factor)
 
 
 def _reach(wanted: float, last: float, growth: float) -> float:

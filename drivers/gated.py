@@ -60,13 +60,8 @@ class GatedDrive:
 
     def write(self, speeds: WheelSpeeds, now_ns: int, stamp_ns: int | None = None) -> None:
         """:param stamp_ns: when the command was computed, if earlier than ``now_ns``."""
-        left, right = speeds
-        permitted = self.gate.permit(left, right, now_ns if stamp_ns is None else stamp_ns, now_ns)
-        if self._trimmed:
-            speeds = self.trim.outward(*permitted)
-        elif permitted != speeds:
-            speeds = WheelSpeeds(*permitted)
-        self.inner.write(speeds, now_ns)
+        permitted = self.gate.permit(speeds, now_ns if stamp_ns is None else stamp_ns, now_ns)
+        self.inner.write(self.trim.outward(*permitted) if self._trimmed else permitted, now_ns)
         self.health.command = permitted
 
     def poll(self, now_ns: int) -> None:

@@ -1,7 +1,9 @@
 """What a VESC is over any wire: its options, speed in electrical rpm, position in tachometer steps, a dead zone."""
 
 import math
-from typing import Annotated, Protocol
+from collections import Counter
+from collections.abc import Callable
+from typing import Annotated, Generic, Protocol, TypeVar
 
 from msgspec import Meta
 
@@ -23,6 +25,9 @@ Seconds = Annotated[
         "0 accepts that a hung computer leaves the wheels turning",
     ),
 ]
+MAX_ERPM = 2e9
+"""Within the 32 bits of the wire."""
+WireT = TypeVar("WireT")
 WATCHDOG_TEXT = (
     "set App Settings > General > Timeout in VESC Tool and write the same seconds here "
     "(0 accepts the risk of a robot without one)"
@@ -54,12 +59,36 @@ def motor_of(name: str, device: int, pole_pairs: int, gear_ratio: float, inverte
     return WheelMotor(name, device, speed, steps, 32)
 
 
-def rounded_erpm(motor: WheelMotor, radps: float, min_erpm: float) -> int | None:
-    """Setpoint in electrical rpm; None where the controller would apply no current."""
-    erpm = motor.speed.to_device(radps)
-    if -min_erpm < erpm < min_erpm or -0.5 < erpm < 0.5:
-        return None
-    return round(erpm) if -2e9 <= erpm <= 2e9 else round(math.copysign(2e9, erpm))
+class Setpoint(Generic[WireT]):
+    """What one wheel's VESC is told; where it would apply no current a brake current holds the wheel."""
+
+    def __init__(
+        self,
+        motor: WheelMotor,
+        min_erpm: float,
+        speed: Callable[[int], WireT],
+        brake: WireT,
+        counters: Counter[str],
+    ) -> None:
+        """
+        :param speed: packs electrical rpm.
+        :param counters: ``below_min_erpm`` counts speeds that could not be followed.
+        """
+        self._erpm_per_radps = motor.speed.units_per_rad
+        self._least_erpm = max(min_erpm, 0.5)
+        self._speed = speed
+        self._brake = brake
+        self._counters = counters
+
+    def of(self, radps: float) -> WireT:
+        """For a wheel speed in rad/s."""
+        erpm = radps * self._erpm_per_radps
+        size = abs(erpm)
+        if size >= self._least_erpm:
+            return self._speed(round(erpm if size <= MAX_ERPM else math.copysign(MAX_ERPM, erpm)))
+        if size:
+            self._counters["below_min_erpm"] += 1
+        return self._brake
 
 
 def dead_zone_radps(motor: WheelMotor, min_erpm: float) -> float:

@@ -7,6 +7,7 @@ Tool; ``watchdog_s`` states it.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 from drivers.base import STANDSTILL, Site, WheelSpeeds
@@ -22,10 +23,10 @@ from drivers.vesc_motor import (
     MinErpm,
     PolePairs,
     Seconds,
+    Setpoint,
     check,
     dead_zone_radps,
     motor_of,
-    rounded_erpm,
 )
 
 __all__ = ["Drive", "Options", "check", "open_port"]
@@ -55,6 +56,7 @@ class Drive(CanDrive[Options, WheelMotor]):
         left = motor_of("left", options.left, pairs, gear, options.left_inverted)
         right = motor_of("right", options.right, pairs, gear, options.right_inverted)
         super().__init__("VESC", robot, options, site, port, left, right)
+        self._left, self._right = [self._setpoint(motor) for motor in self.motors]
 
     @property
     def dead_zone_radps(self) -> float:
@@ -92,7 +94,8 @@ class Drive(CanDrive[Options, WheelMotor]):
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         if self.active:
-            self.line.send([self._setpoint(*pair) for pair in zip(self.motors, speeds, strict=True)])
+            left_radps, right_radps = speeds
+            self.line.send((self._left.of(left_radps), self._right.of(right_radps)))
         else:
             self.line.send([codec.set_current(motor.device, 0.0) for motor in self.motors])
 
@@ -113,10 +116,7 @@ class Drive(CanDrive[Options, WheelMotor]):
         self.bus_v = position.volts
         return ""
 
-    def _setpoint(self, motor: WheelMotor, radps: float) -> CanFrame:
-        erpm = rounded_erpm(motor, radps, self.options.min_erpm)
-        if erpm is not None:
-            return codec.set_rpm(motor.device, erpm)
-        if radps != 0.0:
-            self.line.counters["below_min_erpm"] += 1
-        return codec.set_brake(motor.device, self.options.brake_a)
+    def _setpoint(self, motor: WheelMotor) -> Setpoint[CanFrame]:
+        brake = codec.set_brake(motor.device, self.options.brake_a)
+        speed = partial(codec.set_rpm, motor.device)
+        return Setpoint(motor, self.options.min_erpm, speed, brake, self.line.counters)

@@ -17,6 +17,7 @@ from drivers.conversion import Odometer, WheelScale, saturate
 from drivers.family import undeclared
 from drivers.ports import BytePort
 from drivers.serial import arduino_codec as codec
+from drivers.serial.arduino_codec import MAX_TICKS, motor_speeds
 from drivers.serial.family import Baud, SerialDrive, SerialOptions, open_port
 
 __all__ = ["Drive", "Options", "check", "open_port"]
@@ -90,14 +91,15 @@ class Drive(SerialDrive[Options]):
         self._odometers = (Odometer(self._left, 32), Odometer(self._right, 32))
         self._history.clear()
         self._last = None
-        self.line.send(codec.motor_speeds(0, 0))
+        self.line.send(motor_speeds(0, 0))
         self.active = True
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        if not self.active:
-            speeds = STANDSTILL
-        left, right = saturate(speeds[0] * self._left_ticks, speeds[1] * self._right_ticks, codec.MAX_TICKS)
-        self.line.send(codec.motor_speeds(round(left), round(right)))
+        left, right = speeds if self.active else STANDSTILL
+        left, right = left * self._left_ticks, right * self._right_ticks
+        if abs(left) > MAX_TICKS or abs(right) > MAX_TICKS:
+            left, right = saturate(left, right, MAX_TICKS)
+        self.line.send(motor_speeds(round(left), round(right)))
 
     def poll(self, now_ns: int) -> None:
         self.line.send(codec.READ_ENCODERS)

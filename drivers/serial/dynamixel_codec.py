@@ -22,6 +22,8 @@ ALERT = 0x80
 HEAD_BYTES = 9
 """Of a status packet: header, id, length, instruction, error byte."""
 _head_at = struct.Struct("<4sBHBB").unpack_from
+_pack_goals = struct.Struct("<BiBi").pack
+_pack_crc = struct.Struct("<H").pack
 _crc_at = struct.Struct("<H").unpack_from
 _STUFFED = b"\xff\xff\xfd\xfd"
 ERROR_NAMES = {1: "result fail", 2: "instruction", 3: "crc", 4: "data range", 5: "data length", 6: "limit", 7: "access"}
@@ -57,19 +59,17 @@ class GoalWriter:
 
     def __init__(self, address: int, left: int, right: int) -> None:
         self._address = address
-        self._devices = (left, right)
+        self._left, self._right = left, right
         self._head = HEADER + struct.pack("<BHBHH", BROADCAST, 17, SYNC_WRITE, address, 4)
-        self._pack = struct.Struct("<BiBi").pack
 
     def packet(self, left: int, right: int) -> bytes:
         """Both values."""
-        first, second = self._devices
-        tail = self._pack(first, left, second, right)
+        tail = _pack_goals(self._left, left, self._right, right)
         if b"\xff\xff\xfd" in tail:
-            values = [(first, tail[1:5]), (second, tail[6:])]
+            values = [(self._left, tail[1:5]), (self._right, tail[6:])]
             return sync_write(self._address, 4, values)
         whole = self._head + tail
-        return whole + crc16(whole).to_bytes(2, "little")
+        return whole + _pack_crc(crc16(whole))
 
 
 Status = tuple[int, int, bytes]

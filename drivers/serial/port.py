@@ -56,12 +56,14 @@ class SerialPort:
             select.select([self._fd], [], [], timeout_s)
 
     def send(self, data: bytes) -> bool:
-        if self._fd < 0:
-            raise OSError("the port is closed")
         try:
             return os.write(self._fd, data) == len(data)
         except BlockingIOError:
             return False
+        except OSError:
+            if self._fd < 0:
+                raise OSError("the port is closed") from None
+            raise
 
     def receive(self) -> bytes:
         if self._fd < 0:

@@ -13,7 +13,7 @@ from msgspec import Meta
 from contract.messages import WheelFeedback
 from contract.tables import Fault
 from drivers.base import Site, WheelSpeeds
-from drivers.conversion import Odometer, WheelScale, saturate
+from drivers.conversion import Odometer, WheelScale
 from drivers.family import MAX_RADPS, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import roboclaw_codec as codec
@@ -24,7 +24,6 @@ __all__ = ["Drive", "Options", "check", "open_port"]
 
 Channel = Annotated[int, Meta(ge=1, le=2, description="motor output: 1 for M1, 2 for M2")]
 
-SPEED_LIMIT_QPPS = (1 << 31) - 1
 SETPOINT = (SPEED_BOTH,)
 MOTION = (GET_ENCODERS, GET_SPEEDS)
 STATUS_EVERY, BATTERY_EVERY = 10, 50
@@ -67,8 +66,8 @@ class Drive(SerialDrive[Options]):
         self._left_odometer = Odometer(self._left, 32)
         self._right_odometer = Odometer(self._right, 32)
         self._left_units, self._right_units = self._left.units_per_rad, self._right.units_per_rad
-        self._address = options.address
         self._swapped = options.left == 2
+        self._setpoint = codec.SpeedWriter(options.address, self._swapped).packet
         self._counts: tuple[int, ...] | None = None
         self._speeds: tuple[int, ...] | None = None
         """Of both channels, since the last sample."""
@@ -110,10 +109,8 @@ class Drive(SerialDrive[Options]):
         if not self.active:
             self._release(now_ns)
             return
-        m1, m2 = saturate(speeds[0] * self._left_units, speeds[1] * self._right_units, SPEED_LIMIT_QPPS)
-        if self._swapped:
-            m1, m2 = m2, m1
-        if self.line.send(codec.speed_both(self._address, round(m1), round(m2))):
+        left, right = speeds
+        if self.line.send(self._setpoint(left * self._left_units, right * self._right_units)):
             self._replies.expect(now_ns, SETPOINT)
 
     def poll(self, now_ns: int) -> None:

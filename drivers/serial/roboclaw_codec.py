@@ -16,6 +16,8 @@ from binascii import crc_hqx
 from collections import Counter
 from collections.abc import Callable, Sequence
 
+from drivers.conversion import saturate
+
 SET_TIMEOUT = 14
 GET_TIMEOUT = 15
 GET_VERSION = 21
@@ -52,14 +54,15 @@ STATUS_NAMES = {
 }
 """Error bits of command 90 (32-bit form, firmware 4.2 and later); bits above 0xFFFF are warnings."""
 
-_SPEEDS = struct.Struct(">BBii")
-_CRC = struct.Struct(">H")
+MAX_QPPS = (1 << 31) - 1
+_pack_speeds = struct.Struct(">BBii").pack
+_pack_crc = struct.Struct(">H").pack
 Decoder = Callable[[bytes], tuple[int, ...]]
 
 
 def write_packet(address: int, command: int, data: bytes = b"") -> bytes:
     body = bytes((address, command)) + data
-    return body + _CRC.pack(crc_hqx(body, 0))
+    return body + _pack_crc(crc_hqx(body, 0))
 
 
 def read_packet(address: int, command: int) -> bytes:
@@ -68,8 +71,28 @@ def read_packet(address: int, command: int) -> bytes:
 
 def speed_both(address: int, m1_qpps: int, m2_qpps: int) -> bytes:
     """Command 37: signed speeds in quadrature pulses per second."""
-    body = _SPEEDS.pack(address, SPEED_BOTH, m1_qpps, m2_qpps)
-    return body + _CRC.pack(crc_hqx(body, 0))
+    body = _pack_speeds(address, SPEED_BOTH, m1_qpps, m2_qpps)
+    return body + _pack_crc(crc_hqx(body, 0))
+
+
+class SpeedWriter:
+    """:func:`speed_both` in the order of the wheels; beyond 32 bits both shrink alike."""
+
+    def __init__(self, address: int, swapped: bool) -> None:
+        """:param swapped: the left wheel is on channel 2."""
+        self._address = address
+        self._swapped = swapped
+
+    def packet(self, left_qpps: float, right_qpps: float) -> bytes:
+        """Both wheels' speeds."""
+        if self._swapped:
+            left_qpps, right_qpps = right_qpps, left_qpps
+        try:
+            body = _pack_speeds(self._address, SPEED_BOTH, round(left_qpps), round(right_qpps))
+        except struct.error:
+            m1, m2 = saturate(left_qpps, right_qpps, MAX_QPPS)
+            body = _pack_speeds(self._address, SPEED_BOTH, round(m1), round(m2))
+        return body + _pack_crc(crc_hqx(body, 0))
 
 
 def duty_both(address: int, m1: int, m2: int) -> bytes:

@@ -26,8 +26,8 @@ FAULTS = {
 }
 """``mc_fault_code`` of ``datatypes.h``."""
 
-_VALUE = struct.Struct(">i")
-_TAIL = struct.Struct(">HB")
+_pack_value = struct.Struct(">i").pack
+_pack_tail = struct.Struct(">HB").pack
 _VALUES = struct.Struct(">BIihiBB")
 
 
@@ -39,7 +39,7 @@ def packet(payload: bytes) -> bytes:
     """The shortest form that holds the payload."""
     length = len(payload)
     head = bytes((2, length)) if length < 256 else struct.pack(">BH", 3, length)
-    return head + payload + _TAIL.pack(crc_hqx(payload, 0), 3)
+    return head + payload + _pack_tail(crc_hqx(payload, 0), 3)
 
 
 class Command:
@@ -52,8 +52,8 @@ class Command:
 
     def packet(self, value: int) -> bytes:
         """:param value: electrical rpm for ``SET_RPM``, mA for ``SET_CURRENT`` and ``SET_BRAKE``."""
-        body = _VALUE.pack(value)
-        return self._head + body + _TAIL.pack(crc_hqx(body, self._crc), 3)
+        body = _pack_value(value)
+        return self._head + body + _pack_tail(crc_hqx(body, self._crc), 3)
 
 
 def ask_values(forward_to: int | None = None) -> bytes:

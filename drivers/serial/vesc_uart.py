@@ -5,7 +5,6 @@ Tool. Telemetry is asked for in every control step; it carries the fault code, w
 on the CAN bus do not.
 """
 
-from collections import Counter
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -23,10 +22,10 @@ from drivers.vesc_motor import (
     MinErpm,
     PolePairs,
     Seconds,
+    Setpoint,
     check,
     dead_zone_radps,
     motor_of,
-    rounded_erpm,
 )
 
 __all__ = ["Drive", "Options", "check", "open_port"]
@@ -47,27 +46,6 @@ class Options(SerialOptions, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     watchdog_s: Seconds | None = None
 
 
-class _Setpoints:
-    """What one wheel's VESC may be told."""
-
-    def __init__(self, motor: WheelMotor, via: int | None, options: Options, counters: Counter[str]) -> None:
-        self._motor = motor
-        self._min_erpm = options.min_erpm
-        self._counters = counters
-        self._speed = codec.Command(codec.SET_RPM, via)
-        self._brake = codec.Command(codec.SET_BRAKE, via).packet(round(options.brake_a * 1000.0))
-        self.release = codec.Command(codec.SET_CURRENT, via).packet(0)
-
-    def packet(self, radps: float) -> bytes:
-        """Below ``min_erpm`` the controller would apply no current: a brake current holds the wheel."""
-        erpm = rounded_erpm(self._motor, radps, self._min_erpm)
-        if erpm is not None:
-            return self._speed.packet(erpm)
-        if radps != 0.0:
-            self._counters["below_min_erpm"] += 1
-        return self._brake
-
-
 class Drive(SerialDrive[Options]):
     """:class:`drivers.base.DiffDrive` for two VESCs on one line."""
 
@@ -81,8 +59,9 @@ class Drive(SerialDrive[Options]):
             motor_of("left", options.left, options.pole_pairs, options.gear_ratio, options.left_inverted),
             motor_of("right", options.right, options.pole_pairs, options.gear_ratio, options.right_inverted),
         )
-        self._setpoints = tuple(
-            _Setpoints(motor, self._via(motor), options, self.line.counters) for motor in self._motors
+        self._left, self._right = [self._setpoint(motor) for motor in self._motors]
+        self._release = b"".join(
+            [codec.Command(codec.SET_CURRENT, self._via(motor)).packet(0) for motor in self._motors]
         )
         self._by_id = {motor.device: motor for motor in self._motors}
         self._codes = {motor.device: 0 for motor in self._motors}
@@ -118,12 +97,11 @@ class Drive(SerialDrive[Options]):
         self.write(STANDSTILL, now_ns)
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
-        left, right = self._setpoints
         if self.active:
             left_radps, right_radps = speeds
-            self.line.send(left.packet(left_radps) + right.packet(right_radps))
+            self.line.send(self._left.of(left_radps) + self._right.of(right_radps))
         else:
-            self.line.send(left.release + right.release)
+            self.line.send(self._release)
 
     def poll(self, now_ns: int) -> None:
         self.line.send(self._request)
@@ -143,6 +121,12 @@ class Drive(SerialDrive[Options]):
         )
         left.radps = right.radps = None
         return sample
+
+    def _setpoint(self, motor: WheelMotor) -> Setpoint[bytes]:
+        via = self._via(motor)
+        brake = codec.Command(codec.SET_BRAKE, via).packet(round(self.options.brake_a * 1000.0))
+        speed = codec.Command(codec.SET_RPM, via).packet
+        return Setpoint(motor, self.options.min_erpm, speed, brake, self.line.counters)
 
     def _via(self, motor: WheelMotor) -> int | None:
         return None if motor.name == self.options.local else motor.device

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.base import WheelSpeeds
 from drivers.gate import TOLERANCE, Gate, GateLimits, GateState
 
 LIMITS = GateLimits(max_wheel_radps=10.0, max_slew_radps2=100.0, command_age_ns=100_000_000)
@@ -20,7 +21,7 @@ def gate_in(state: GateState, last: tuple[float, float] = (0.0, 0.0)) -> Gate:
     gate = Gate(LIMITS)
     if state is not GateState.DISARMED:
         gate.arm(T0 - 1_000_000_000)
-        gate.permit(*last, T0 - 10_000_000, T0 - 10_000_000)
+        gate.permit(WheelSpeeds(*last), T0 - 10_000_000, T0 - 10_000_000)
         gate.arm(T0 - 10_000_000) if last == (0.0, 0.0) else None
     if state is GateState.STOPPED:
         gate.stop(T0 - 10_000_000)
@@ -59,7 +60,8 @@ REFUSED = {
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(GateState, EVENTS)))
 def test_every_state_with_every_command(state: GateState, event: str) -> None:
     gate = gate_in(state)
-    result = gate.permit(*EVENTS[event])
+    left, right, stamp_ns, now_ns = EVENTS[event]
+    result = gate.permit(WheelSpeeds(left, right), stamp_ns, now_ns)
     moving = event in PASSED or event in REFUSED
     if state is GateState.ARMED:
         assert result == PASSED.get(event, (0.0, 0.0))
@@ -73,7 +75,7 @@ def test_every_state_with_every_command(state: GateState, event: str) -> None:
 def test_a_new_gate_is_disarmed() -> None:
     gate = Gate(LIMITS)
     assert gate.state is GateState.DISARMED
-    assert gate.permit(1.0, 1.0, T0, T0) == (0.0, 0.0)
+    assert gate.permit(WheelSpeeds(1.0, 1.0), T0, T0) == (0.0, 0.0)
     assert dict(gate.counters) == {"disarmed": 1}
     assert gate.tick(2 * T0) is None
 
@@ -97,14 +99,14 @@ def test_every_transition(before: str, event: str, after: str) -> None:
     getattr(gate, event)(T0)
     assert gate.state is GateState(after)
     assert gate.tick(T0 + 100_000_000) is None
-    assert gate.permit(1.0, 1.0, T0, T0) == (0.0, 0.0), "slew starts from standstill, at no elapsed time"
+    assert gate.permit(WheelSpeeds(1.0, 1.0), T0, T0) == (0.0, 0.0), "slew starts from standstill, at no elapsed time"
 
 
 @pytest.mark.parametrize("state", list(GateState))
 @given(last=st.tuples(FINITE, FINITE), stamp=st.integers(), now=st.integers())
 def test_a_zero_is_never_refused_or_counted(state: GateState, last: tuple[float, float], stamp: int, now: int) -> None:
     gate = gate_in(state, last)
-    assert gate.permit(0.0, 0.0, stamp, now) == (0.0, 0.0)
+    assert gate.permit(WheelSpeeds(0.0, 0.0), stamp, now) == (0.0, 0.0)
     assert not gate.counters
 
 
@@ -119,7 +121,7 @@ def test_it_only_ever_shrinks_both_wheels_by_one_factor(commands: list[tuple[flo
     now_ns, last = T0, (0.0, 0.0)
     for left, right, age_ns, dt_ns in commands:
         now_ns += dt_ns
-        out = gate.permit(left, right, now_ns - age_ns, now_ns)
+        out = gate.permit(WheelSpeeds(left, right), now_ns - age_ns, now_ns)
         for wanted, permitted, before in zip((left, right), out, last, strict=True):
             assert math.isfinite(permitted)
             assert abs(permitted) <= LIMITS.max_wheel_radps * (1 + 1e-9)
@@ -138,9 +140,10 @@ def test_it_only_ever_shrinks_both_wheels_by_one_factor(commands: list[tuple[flo
 def test_slowing_down_is_never_limited(fraction: float, left: float, right: float) -> None:
     gate = Gate(LIMITS)
     gate.arm(0)
-    first = gate.permit(left, right, T0, T0)
+    first = gate.permit(WheelSpeeds(left, right), T0, T0)
     assert first == (left, right)
-    assert gate.permit(fraction * left, fraction * right, T0, T0) == (fraction * left, fraction * right)
+    slower = WheelSpeeds(fraction * left, fraction * right)
+    assert gate.permit(slower, T0, T0) == slower
     assert not gate.counters
 
 
@@ -159,7 +162,7 @@ def test_slowing_down_is_never_limited(fraction: float, left: float, right: floa
 def test_over_speed_keeps_curvature_and_is_counted(wanted: tuple[float, float], permitted: tuple[float, float]) -> None:
     gate = gate_in(GateState.ARMED)
     gate.arm(0)
-    assert gate.permit(*wanted, T0, T0) == permitted
+    assert gate.permit(WheelSpeeds(*wanted), T0, T0) == permitted
     assert dict(gate.counters) == {"overspeed": 1}
 
 
@@ -167,20 +170,20 @@ def test_over_speed_keeps_curvature_and_is_counted(wanted: tuple[float, float], 
 def test_rounding_above_the_limit_is_shrunk_but_not_counted(excess: float) -> None:
     gate = gate_in(GateState.ARMED)
     gate.arm(0)
-    assert gate.permit(10.0 * excess, 0.0, T0, T0)[0] == pytest.approx(10.0, rel=1e-15)
+    assert gate.permit(WheelSpeeds(10.0 * excess, 0.0), T0, T0)[0] == pytest.approx(10.0, rel=1e-15)
     assert not gate.counters
 
 
 def test_just_above_the_limit_is_counted() -> None:
     gate = gate_in(GateState.ARMED)
     gate.arm(0)
-    assert gate.permit(10.0 * (1 + 1e-8), 0.0, T0, T0)[0] == pytest.approx(10.0, rel=1e-12)
+    assert gate.permit(WheelSpeeds(10.0 * (1 + 1e-8), 0.0), T0, T0)[0] == pytest.approx(10.0, rel=1e-12)
     assert dict(gate.counters) == {"overspeed": 1}
 
 
 def test_slew_is_limited_from_the_last_permitted_speed() -> None:
     gate = gate_in(GateState.ARMED, (0.5, 0.25))
-    assert gate.permit(4.0, 2.0, T0, T0) == pytest.approx((1.5, 0.75))
+    assert gate.permit(WheelSpeeds(4.0, 2.0), T0, T0) == pytest.approx((1.5, 0.75))
     assert dict(gate.counters) == {"slew": 1}
 
 
@@ -201,14 +204,14 @@ def test_one_wheel_too_quick_shrinks_both(
     last: tuple[float, float], wanted: tuple[float, float], permitted: tuple[float, float]
 ) -> None:
     gate = gate_in(GateState.ARMED, last)
-    assert gate.permit(*wanted, T0, T0) == pytest.approx(permitted)
+    assert gate.permit(WheelSpeeds(*wanted), T0, T0) == pytest.approx(permitted)
     assert dict(gate.counters) == {"slew": 1}
 
 
 @pytest.mark.parametrize("wanted", [(1.5, 0.5), (-0.5, 0.5), (0.5, 1.5), (0.5, -0.5), (1.5, 1.5), (-0.5, -0.5)])
 def test_growth_to_the_very_bound_passes_unchanged(wanted: tuple[float, float]) -> None:
     gate = gate_in(GateState.ARMED, (0.5, 0.5))
-    assert gate.permit(*wanted, T0, T0) == wanted
+    assert gate.permit(WheelSpeeds(*wanted), T0, T0) == wanted
     assert not gate.counters
 
 
@@ -216,19 +219,19 @@ def test_growth_to_the_very_bound_passes_unchanged(wanted: tuple[float, float]) 
 def test_the_very_top_speed_passes_unchanged(wanted: tuple[float, float]) -> None:
     gate = gate_in(GateState.ARMED)
     gate.arm(0)
-    assert gate.permit(*wanted, T0, T0) == wanted
+    assert gate.permit(WheelSpeeds(*wanted), T0, T0) == wanted
     assert not gate.counters
 
 
 def test_growth_is_that_of_the_time_since_the_last_command() -> None:
     gate = gate_in(GateState.ARMED)
-    assert gate.permit(9.0, 9.0, T0, T0) == pytest.approx((1.0, 1.0))
-    assert gate.permit(9.0, 9.0, T0 + 20_000_000, T0 + 20_000_000) == pytest.approx((3.0, 3.0))
+    assert gate.permit(WheelSpeeds(9.0, 9.0), T0, T0) == pytest.approx((1.0, 1.0))
+    assert gate.permit(WheelSpeeds(9.0, 9.0), T0 + 20_000_000, T0 + 20_000_000) == pytest.approx((3.0, 3.0))
 
 
 def test_reversal_may_only_grow_from_zero() -> None:
     gate = gate_in(GateState.ARMED, (0.9, 0.9))
-    assert gate.permit(-4.0, -4.0, T0, T0) == pytest.approx((-1.0, -1.0))
+    assert gate.permit(WheelSpeeds(-4.0, -4.0), T0, T0) == pytest.approx((-1.0, -1.0))
 
 
 @pytest.mark.parametrize(
@@ -259,12 +262,12 @@ def test_tick_sends_zeros_once_commands_stay_away(
 def test_motion_after_a_stale_zero_starts_from_standstill() -> None:
     gate = gate_in(GateState.ARMED, (0.9, 0.9))
     gate.tick(T0 + 10**9)
-    assert gate.permit(5.0, 5.0, T0 + 10**9, T0 + 10**9 + 10_000_000) == pytest.approx((1.0, 1.0))
+    assert gate.permit(WheelSpeeds(5.0, 5.0), T0 + 10**9, T0 + 10**9 + 10_000_000) == pytest.approx((1.0, 1.0))
 
 
 def test_a_command_is_stale_at_any_age_above_the_limit() -> None:
     gate = gate_in(GateState.ARMED)
-    assert gate.permit(0.5, 0.5, T0, 2 * T0) == (0.0, 0.0)
+    assert gate.permit(WheelSpeeds(0.5, 0.5), T0, 2 * T0) == (0.0, 0.0)
     assert dict(gate.counters) == {"stale": 1}
 
 

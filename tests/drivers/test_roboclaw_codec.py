@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bandwidth import Bandwidth
+from drivers.conversion import saturate
 from drivers.mock.roboclaw_packets import crc16
 from drivers.serial import roboclaw_codec as codec
 from drivers.serial.roboclaw import Drive
@@ -27,6 +28,13 @@ QPPS = st.integers(-(2**31), 2**31 - 1)
 )
 def test_golden_packets(packet: bytes, golden: str) -> None:
     assert packet.hex(" ") == golden
+
+
+@given(left=st.floats(-1e12, 1e12), right=st.floats(-1e12, 1e12), swapped=st.booleans())
+def test_a_setpoint_shrinks_both_wheels_alike_beyond_32_bits(left: float, right: float, swapped: bool) -> None:
+    m1, m2 = saturate(*((right, left) if swapped else (left, right)), 2**31 - 1)
+    packet = codec.SpeedWriter(ADDRESS, swapped).packet(left, right)
+    assert packet == codec.speed_both(ADDRESS, round(m1), round(m2))
 
 
 def reply(command: int, data: bytes) -> bytes:

@@ -1,5 +1,9 @@
 """VESC: golden bytes from vedderb/bldc ``documentation/comm_can.md``."""
 
+import math
+from collections import Counter
+from collections.abc import Callable
+
 import pytest
 from benches import ROBOT, Bench
 from hypothesis import given
@@ -8,6 +12,7 @@ from hypothesis import strategies as st
 from drivers.base import LinkLost, Refused
 from drivers.can import vesc_codec as codec
 from drivers.can.frame import CanFrame
+from drivers.vesc_motor import Setpoint, motor_of
 
 
 @pytest.mark.parametrize(
@@ -61,6 +66,29 @@ def test_pitfall_below_min_erpm_there_is_no_current_so_zero_is_a_brake() -> None
     assert bench.drive.counters["below_min_erpm"] > 0
     bench.device.device.take_frame(codec.set_rpm(10, 800), bench.now_ns)
     assert not bench.device.wheels.left.powered, "the device itself lets go"
+
+
+@pytest.mark.parametrize(
+    ("min_erpm", "erpm", "told", "counted"),
+    [
+        (900.0, 900.1, 900, 0),
+        (900.0, -900.1, -900, 0),
+        (900.0, 899.9, "brake", 1),
+        (900.0, -899.9, "brake", 1),
+        (900.0, 0.0, "brake", 0),
+        (0.0, -0.0, "brake", 0),
+        (0.0, 0.4, "brake", 1),
+        (0.0, -0.6, -1, 0),
+        (0.0, 1e12, 2_000_000_000, 0),
+        (0.0, -1e12, -2_000_000_000, 0),
+    ],
+)
+def test_what_a_wheel_is_told(min_erpm: float, erpm: float, told: int | str, counted: int) -> None:
+    counters: Counter[str] = Counter()
+    speed: Callable[[int], int | str] = lambda erpm: erpm  # noqa: E731
+    setpoint = Setpoint(motor_of("left", 10, 7, 1.0, False), min_erpm, speed, "brake", counters)
+    assert setpoint.of(erpm * math.tau / (60.0 * 7)) == told
+    assert counters["below_min_erpm"] == counted
 
 
 def test_pitfall_the_default_time_out_of_1_s_is_refused() -> None:
