@@ -60,6 +60,10 @@ TIE_M = 0.01
 REACHABLE_SHARE = 0.9
 """Edges of the swarm longer than this share of r_c' make a target costly."""
 STRETCH_COST = 2.0
+OTHERS_SHARE = 0.6
+"""Weight of the way by which another robot will be nearer to a target."""
+OUTSIDE_SHARE = 0.5
+"""Weight of a target's distance from the middle of all open ones: below 1, so that nobody passes one on the way out."""
 
 
 def nearest_target(own: Vector, targets: Mapping[int, Vector]) -> int | None:
@@ -108,21 +112,32 @@ def _excess_m(gaps_m: list[float], table_m: list[list[float]], free_m: float) ->
 
 
 def reachable_target(
-    own: Vector, targets: Mapping[int, Vector], anchors: Sequence[Vector], link_radius_m: float
+    own: Vector,
+    targets: Mapping[int, Vector],
+    anchors: Sequence[Vector],
+    link_radius_m: float,
+    middle: Vector | None = None,
 ) -> int | None:
-    """The target with the least d + 2 sum max(0, l - 0.9 r_c'), edges of the tree it would stretch.
+    """The target with the least d + 2 sum max(0, l - 0.9 r_c') + 0.6 max(0, d - d_other) - 0.5 d_middle.
+
+    l: edges of the tree it would stretch; d_other: from it to the nearest other robot, d_middle: to the middle of all
+    open targets: what another is nearer to is left to that one, and what lies outside is not left for the end.
 
     ``anchors`` are where the neighbours will be: their claimed targets, else their positions.
-    The nearest come first, since none costs less than its distance.
+    The nearest come first, since none costs less than its distance less the most that lying outside counts.
     """
     free_m = REACHABLE_SHARE * link_radius_m
     table = _table(anchors)
+    outside = {k: 0.0 if middle is None else OUTSIDE_SHARE * math.dist(point, middle) for k, point in targets.items()}
+    most_m = max(outside.values(), default=0.0)
     best: tuple[float, int] | None = None
     for distance_m, index in sorted((math.dist(own, point), index) for index, point in targets.items()):
-        if best is not None and distance_m > best[0]:
+        if best is not None and distance_m - most_m > best[0]:
             break
         gaps = [math.dist(targets[index], anchor) for anchor in anchors]
-        cost = (distance_m + STRETCH_COST * _excess_m(gaps, table, free_m), index)
+        farther_m = distance_m - min(gaps, default=distance_m)
+        value = distance_m + STRETCH_COST * _excess_m(gaps, table, free_m) - outside[index]
+        cost = (value + OTHERS_SHARE * farther_m if farther_m > 0.0 else value, index)
         if best is None or cost < best:
             best = cost
     return None if best is None else best[1]

@@ -34,6 +34,8 @@ MAX_AGE_S = 0.5
 """A stop point is not carried on for longer than this."""
 REMOVAL_PAUSE_S = 0.1
 ON_THE_SPOT_RADPS = 6.0
+INSIDE_M = 0.01
+"""A robot brakes once it will come to rest this far within reach of its target."""
 SAME_PLACE_M = 1e-4
 """Stop points nearer to each other than this are one hypothesis."""
 FACED_RADPS = 0.1
@@ -202,7 +204,7 @@ class FieldLaw:
         p = self._parameters
         own = room.motion[:2]
         left_m = math.dist(own, goal.point) - goal.stop_short_m
-        if left_m <= 0.0:
+        if left_m <= 0.0 or (goal.why == "target" and self._rests_on(goal.point, room)):
             return (0.0, 0.0)
         aligned = wanted = alignment(own, goal.point)
         if left_m < self._approach_m:
@@ -218,6 +220,11 @@ class FieldLaw:
         if room.near:
             u = keep_closing_slow(u, own, room.near)
         return into_discs(u, room)
+
+    def _rests_on(self, target: Vector, room: Room) -> bool:
+        """Whether braking at once, with any calibrated brake, ends near enough to the target."""
+        near_m = self._parameters.reach_m - INSIDE_M
+        return all(math.dist(place, target) <= near_m for place in room.brakes)
 
 
 def into_discs(u: Vector, room: Room) -> Vector:

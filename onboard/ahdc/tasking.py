@@ -231,7 +231,9 @@ class Tasking:
             heard = view.heard.get(name)
             claim_at = None if heard is None else heard.state.claim_at
             anchors.append(sighted[:2] if claim_at is None else claim_at)
-        return reachable_target(own, options, anchors, self._parameters.link_radius_m)
+        places = self._visible.values()
+        middle = (sum(p[0] for p in places) / len(places), sum(p[1] for p in places) / len(places))
+        return reachable_target(own, options, anchors, self._parameters.link_radius_m, middle)
 
     def _goal(self, view: View, own: Vector) -> Goal | None:
         if self.task is Task.TRACKING:
@@ -243,16 +245,21 @@ class Tasking:
             return aside
         if self.helping:
             return self._towards(view, self.assist.via, HELP_STAND_OFF_M, "help")
+        if self._field and not self.memory.occupied:
+            return self._start(view, own)
         leader = self._leader(view)
         if leader is not None:
             between = relay_point(view, self.robot, self.hops) if self._field else None
             if between is not None:
                 return Goal(between, RELAY_STOP_M, "indicator")
             return self._towards(view, leader, STAND_OFF_M, "indicator")
-        if not self.cloud_seen:
-            angle = view.start_direction_rad
-            return Goal((own[0] + LEAD_M * math.cos(angle), own[1] + LEAD_M * math.sin(angle)), 0.0, "start")
-        return None
+        return None if self.cloud_seen else self._start(view, own)
+
+    @staticmethod
+    def _start(view: View, own: Vector) -> Goal:
+        """On into the start direction: until a target is seen (paper), until one is occupied (field)."""
+        angle = view.start_direction_rad
+        return Goal((own[0] + LEAD_M * math.cos(angle), own[1] + LEAD_M * math.sin(angle)), 0.0, "start")
 
     def _aside(self, view: View, own: Vector) -> Goal | None:
         """Away from a target that a neighbour tracks, where this robot stands in front of it; None elsewhere."""

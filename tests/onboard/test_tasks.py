@@ -55,6 +55,50 @@ def test_a_target_that_stretches_the_swarm_costs_more_than_a_farther_one_within_
     assert reachable_target((0.5, 0.4), {0: (1.4, 0.4), 1: (-0.6, 0.4)}, anchors, 0.98) == 1
 
 
+def test_a_target_that_another_will_be_nearer_to_is_left_to_it() -> None:
+    targets = {0: (0.4, 0.0), 1: (-0.45, 0.0)}
+    assert reachable_target((0.0, 0.0), targets, [], 0.98) == 0
+    assert reachable_target((0.0, 0.0), targets, [(0.4, 0.0)], 0.98) == 1
+    assert reachable_target((0.0, 0.0), targets, [(0.4, 0.0), (-0.45, 0.1)], 0.98) == 0
+
+
+def test_of_two_targets_the_outer_is_taken_first_unless_it_is_much_farther() -> None:
+    def chosen(outer_m: float) -> int | None:
+        return reachable_target((0.0, 0.0), {0: (0.3, 0.0), 1: (-outer_m, 0.0)}, [], 0.98, (1.0, 0.0))
+
+    assert chosen(0.5) == 1
+    assert chosen(0.8) == 1
+    assert chosen(1.2) == 0
+
+
+@given(st.dictionaries(st.integers(0, 9), points, min_size=1, max_size=6), points, st.lists(points, max_size=4), points)
+def test_the_search_that_ends_early_finds_the_least_cost(
+    targets: dict[int, tuple[float, float]],
+    own: tuple[float, float],
+    anchors: list[tuple[float, float]],
+    middle: tuple[float, float],
+) -> None:
+    def cost(index: int) -> float:
+        place = targets[index]
+        farther = max(0.0, math.dist(own, place) - min((math.dist(place, a) for a in anchors), default=math.inf))
+        stretch = spanning_excess_m([place, *anchors], 0.9 * 0.98)
+        return math.dist(own, place) + 2 * stretch + 0.6 * farther - 0.5 * math.dist(place, middle)
+
+    chosen = reachable_target(own, targets, anchors, 0.98, middle)
+    assert cost(chosen) == pytest.approx(min(cost(k) for k in targets), abs=1e-9)
+
+
+@pytest.mark.parametrize(("occupied", "why"), [(False, "start"), (True, "indicator")])
+def test_robots_without_a_target_go_on_into_the_start_direction_until_one_is_occupied(occupied: bool, why: str) -> None:
+    told = state("r02", 0.5, 0.0, claim=0, claim_at=(1.2, 0.0), task="tracking", cloud_seen=True, hops=0)
+    tasking = Tasking("r01", field_parameters(3))
+    if occupied:
+        tasking.memory.occupy(3)
+    goal = tasking.update(looking({"r02": told}))
+    assert goal is not None
+    assert goal.why == why
+
+
 @given(st.sets(st.integers(0, 600)))
 def test_occupied_bitmaps_survive_the_wire(indices: set[int]) -> None:
     memory = TargetMemory()
@@ -267,7 +311,7 @@ def test_a_free_robot_stands_between_those_that_pull(
     assert found is not None
     assert math.dist(found, goal) < 0.06
     tasking = Tasking("r02", field_parameters(4))
-    tasking.cloud_seen = True
+    tasking.memory.occupy(9)
     went = tasking.update(view)
     assert went is not None
     assert went.point == found
