@@ -7,6 +7,18 @@ from contract.checks import CheckResult
 from drivers.base import DriverError
 
 SLOW_LATENCY_MS = 1
+CREEP_SHARE = 0.1
+"""Of the top speed: wheels that stand at more than this cannot arrive where they should."""
+_ERPM = (
+    "Lower s_pid_min_erpm in VESC Tool (sensored motors turn from about 100 on) and write the same as min_erpm, "
+    "or gear the motor down"
+)
+SLOWER = {
+    "vesc": _ERPM,
+    "vesc_uart": _ERPM,
+    "ros_arduino": "Fit an encoder with more ticks a turn, or lower PID_RATE in the firmware and as pid_rate_hz",
+}
+"""What lets wheels turn more slowly, by family."""
 
 
 class Evidence(NamedTuple):
@@ -31,13 +43,16 @@ class Evidence(NamedTuple):
     """Another bit rate at which the controllers answer."""
     dialect: str = ""
     """Firmware line the device speaks, where it can be told."""
+    creep_mps: float = 0.0
+    """Rim speed below which the wheels stand, by the arena file; 0: none worth a word."""
+    max_speed_mps: float = 0.8
 
 
 def diagnose(robot: str, table: Mapping[str, Any], seen: Evidence) -> list[CheckResult]:
     """Findings in the order in which they should be mended; passes only where something was looked at."""
     results = [_port(robot, seen)]
     if not seen.present:
-        return results
+        return results + _creep(robot, table, seen)
     for check in (_permission, _latency, _interface, _rate, _ids, _dialect, _watchdog):
         result = check(robot, table, seen)
         if result is not None:
@@ -46,7 +61,7 @@ def diagnose(robot: str, table: Mapping[str, Any], seen: Evidence) -> list[Check
         results.append(_result(robot, "controller", "fail", seen.error.fault, seen.error.remedy))
     elif seen.error is None:
         results.append(_result(robot, "controller", "pass", "answers and is set up; nothing was enabled"))
-    return results
+    return results + _creep(robot, table, seen)
 
 
 def _result(robot: str, name: str, verdict: Any, text: str, remedy: str = "") -> CheckResult:
@@ -145,3 +160,17 @@ def _watchdog(robot: str, table: Mapping[str, Any], seen: Evidence) -> CheckResu
         return None
     text = "the device watchdog is off by the arena file's word: a hung computer leaves the wheels turning"
     return _result(robot, "watchdog", "warn", text, "Set it in the device and state it: watchdog_s = 0.2")
+
+
+def _creep(robot: str, table: Mapping[str, Any], seen: Evidence) -> list[CheckResult]:
+    """What the arena file alone tells of wheels that cannot turn slowly."""
+    if not seen.creep_mps:
+        return []
+    told = f"commands below {seen.creep_mps:.3g} m/s turn no wheel"
+    share = seen.creep_mps / seen.max_speed_mps
+    if share <= CREEP_SHARE:
+        return [_result(robot, "creep", "pass", told)]
+    told += f", {share:.0%} of control.max_speed_mps = {seen.max_speed_mps:g}"
+    verdict, so = ("warn", "creeps in jerks and homes only nearly") if share < 1.0 else ("fail", "never drives")
+    remedy = SLOWER.get(str(table.get("kind")), "Gear the motor down")
+    return [_result(robot, "creep", verdict, f"{told}: the robot {so}", remedy)]

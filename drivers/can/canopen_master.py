@@ -11,7 +11,7 @@ from drivers.can.cia402_codec import SDO_REPLY, SDO_REQUEST, Write
 from drivers.can.frame import CanFrame
 from drivers.can.line import CanLine
 
-REPLY_S = 0.1
+REPLY_S = 0.25
 
 
 class LineNetwork(canopen.Network):

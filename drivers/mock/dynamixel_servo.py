@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from drivers.mock.motor import Shaft
 
 RPM_PER_UNIT = 0.229
+VELOCITY_LIMIT = 1620
+"""Of a new XL330-M077; an M288 comes with 445, an XL430 with 265. A goal beyond is a Data Limit Error."""
 
 
 def _new_table(model: int, device: int) -> bytearray:
@@ -16,6 +18,7 @@ def _new_table(model: int, device: int) -> bytearray:
     table[7] = device
     table[9] = 250
     table[11] = 3
+    table[44:48] = struct.pack("<I", VELOCITY_LIMIT)
     table[68] = 2
     return table
 
@@ -92,6 +95,10 @@ class Servo:
             self.tripped = False
         elif self.tripped and 100 <= address < 120:
             return 4
+        elif address == 104 and len(data) == 4:
+            (goal,) = struct.unpack("<i", data)
+            if abs(goal) > struct.unpack("<I", self.table[44:48])[0]:
+                return 6
         self.table[address : address + len(data)] = data
         self._act(address)
         return 0

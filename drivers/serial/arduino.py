@@ -78,6 +78,11 @@ class Drive(SerialDrive[Options]):
         self._history: deque[tuple[int, float, float]] = deque()
         self._last: tuple[int, int] | None = None
 
+    @property
+    def dead_zone_radps(self) -> float:
+        """Whole ticks a frame: less than half a one rounds to none."""
+        return 0.5 / abs(self._left_ticks)
+
     def configure(self) -> None:
         self.accept_watchdog(self.options.watchdog_s, WATCHDOG_TEXT)
         self.open()

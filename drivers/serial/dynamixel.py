@@ -2,10 +2,13 @@
 
 The Bus Watchdog (register 98, 20 ms a count, off by default) is set and read back. Once tripped
 its register reads -1 and goals are refused until 0 is written: ``activate`` does that. The Return
-Delay (register 9, 0.5 ms by default before every reply) is set to 0. XL330-M077 manages 0.8 m/s on
-30 mm wheels; XC330 and XL430 do not.
+Delay (register 9, 0.5 ms by default before every reply) is set to 0. A goal beyond the Velocity
+Limit (register 44) is refused without a word by a servo that goes on turning as it was told before,
+so the limit must allow ``control.max_speed_mps``: XL330-M077 manages 0.8 m/s on 30 mm wheels; XC330
+and XL430 do not.
 """
 
+import math
 import struct
 from itertools import cycle
 from typing import Annotated, Literal
@@ -15,7 +18,7 @@ from msgspec import Meta
 from contract.messages import WheelFeedback
 from contract.tables import Fault
 from drivers.base import STANDSTILL, Site, WheelSpeeds
-from drivers.conversion import WheelScale
+from drivers.conversion import WheelScale, saturate
 from drivers.family import WheelMotor, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import dynamixel_codec as codec
@@ -23,7 +26,7 @@ from drivers.serial.family import Baud, SerialDrive, SerialOptions, open_port
 
 __all__ = ["Drive", "Options", "check", "open_port"]
 
-RETURN_DELAY, OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG = 9, 11, 64, 70, 98
+RETURN_DELAY, OPERATING_MODE, VELOCITY_LIMIT, TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG = 9, 11, 44, 64, 70, 98
 GOAL_VELOCITY, PRESENT_VELOCITY, INPUT_VOLTAGE = 104, 128, 144
 VELOCITY_MODE = 1
 WATCHDOG_STEP_S = 0.02
@@ -58,6 +61,8 @@ class _Servo(WheelMotor):
         super().__init__(name, device, goal, WheelScale.of(COUNTS_PER_TURN, gear_ratio, inverted), 32)
         self.alert = False
         self.hardware_error = 0
+        self.top_units = 0
+        """Velocity Limit as read."""
 
 
 class Drive(SerialDrive[Options]):
@@ -82,6 +87,7 @@ class Drive(SerialDrive[Options]):
         voltage = codec.read(options.left, INPUT_VOLTAGE, 2)
         self._requests = cycle([motion + voltage, *[motion] * (self.VOLTAGE_EVERY - 1)])
         self._alert = False
+        self._top_units = 0
 
     def configure(self) -> None:
         counts = int(self.site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9)
@@ -90,6 +96,7 @@ class Drive(SerialDrive[Options]):
         try:
             for servo in self._servos:
                 self._identify(servo, min(counts, 127))
+            self._top_units = min(servo.top_units for servo in self._servos)
         except Exception:
             self.close()
             raise
@@ -116,7 +123,10 @@ class Drive(SerialDrive[Options]):
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         left, right = speeds if self.active else STANDSTILL
-        self.line.send(self._goals.packet(round(left * self._left_units), round(right * self._right_units)))
+        left, right = left * self._left_units, right * self._right_units
+        if abs(left) > self._top_units or abs(right) > self._top_units:
+            left, right = saturate(left, right, self._top_units)
+        self.line.send(self._goals.packet(round(left), round(right)))
 
     def poll(self, now_ns: int) -> None:
         request = next(self._requests)
@@ -168,6 +178,7 @@ class Drive(SerialDrive[Options]):
         self._write(servo, OPERATING_MODE, bytes((VELOCITY_MODE,)))
         if self._read(servo, OPERATING_MODE, 1) != bytes((VELOCITY_MODE,)):
             raise self.line.refused(f"the {servo.name} servo does not take velocity mode", "Use an X-series servo")
+        self._check_speed(servo)
         self._write(servo, BUS_WATCHDOG, b"\0")
         self._write(servo, BUS_WATCHDOG, bytes((counts,)))
         seen = self._read(servo, BUS_WATCHDOG, 1)
@@ -175,6 +186,19 @@ class Drive(SerialDrive[Options]):
             raise self.line.refused(
                 f"Bus Watchdog of the {servo.name} servo set to {counts} reads back {seen[0] if seen else 'nothing'}",
                 "Check safety.watchdog_s and the firmware; without it a hung computer leaves the wheels turning",
+            )
+
+    def _check_speed(self, servo: _Servo) -> None:
+        """:raises Refused: the servo is slower than the arena file's robots."""
+        servo.top_units = int.from_bytes(self._read(servo, VELOCITY_LIMIT, 4) or b"", "little")
+        radps, wanted = servo.top_units / abs(servo.speed.units_per_rad), self.site.max_wheel_radps
+        if radps < wanted:
+            mps = math.floor(100.0 * radps * self.site.platform.wheel_radius_m) / 100.0
+            raise self.line.refused(
+                f"the {servo.name} servo turns its wheel at {radps:.1f} rad/s at most (Velocity Limit "
+                f"{servo.top_units}), control.max_speed_mps = {self.site.max_speed_mps:g} needs {wanted:.1f}; "
+                "it would ignore faster goals",
+                f"Set control.max_speed_mps to {mps:.2f} or less, or fit a faster servo",
             )
 
     def _read(self, servo: _Servo, address: int, length: int) -> bytes | None:

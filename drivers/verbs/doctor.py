@@ -12,7 +12,7 @@ from contract.arena import Arena
 from contract.checks import CheckResult, worst
 from drivers.base import DriverError
 from drivers.diagnosis import Evidence, diagnose
-from drivers.registry import module_of, open_drive, port_path, read_options
+from drivers.registry import module_of, open_drive, open_robot, port_path, read_options
 from drivers.verbs import robots
 
 MARKS = {"pass": "ok  ", "warn": "WARN", "fail": "FAIL"}
@@ -42,7 +42,11 @@ def run(args: argparse.Namespace) -> int:
 def examine(arena: Arena, robot: str) -> list[CheckResult]:
     """Everything about one robot's wheels."""
     table = arena.robots[robot].wheels
-    return diagnose(robot, table, look(arena, robot, table))
+    seen = look(arena, robot, table)._replace(
+        creep_mps=open_robot(arena, robot).dead_zone_radps * arena.platform.wheel_radius_m,
+        max_speed_mps=arena.control.max_speed_mps,
+    )
+    return diagnose(robot, table, seen)
 
 
 def look(arena: Arena, robot: str, table: dict[str, Any]) -> Evidence:

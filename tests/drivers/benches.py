@@ -18,7 +18,7 @@ from drivers.serial.port import SerialPort
 WHEELS: dict[str, dict[str, Any]] = {
     "odrive": {"channel": "/dev/null", "interface": "slcan", "left": 4, "right": 5, "watchdog_s": 0.2},
     "roboclaw": {"port": "/dev/null", "counts_per_revolution": 2048},
-    "dynamixel": {"port": "/dev/null", "left": 1, "right": 2},
+    "dynamixel": {"port": "/dev/null", "left": 1, "right": 2, "gear_ratio": 1.25},
     "vesc": {
         "channel": "/dev/null",
         "interface": "slcan",
@@ -47,7 +47,7 @@ def arena_of(
                 "body": "a",
                 "start": [20.0, 20.0],
                 "emulate": ["wheels", "body"],
-                "wheels": {"kind": kind, **WHEELS[kind], **COMMON, **wheels},
+                "wheels": {"kind": kind, **COMMON, **WHEELS[kind], **wheels},
             }
         },
     }

@@ -69,6 +69,11 @@ def odrive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         ({"dialect": "0.5"}, 1, ["FAIL r06 dialect: the device speaks firmware 0.6", 'Write dialect = "0.6"']),
         ({"watchdog_s": 0.0}, 0, ["WARN r06 watchdog: the device watchdog is off", "watchdog_s = 0.2"]),
         ({"watchdog_s": 0.5}, 1, ["exceeds safety.watchdog_s = 0.2 s"]),
+        (
+            {"kind": "vesc", "pole_pairs": 7, "channel": "/dev/nowhere"},
+            1,
+            ["WARN r06 creep: commands below 0.404 m/s turn no wheel, 50% of control.max_speed_mps", "s_pid_min_erpm"],
+        ),
         ({"channel": "/dev/nowhere"}, 1, ["FAIL r06 port: /dev/nowhere is not there; found:", "Plug the adapter in"]),
     ],
 )
@@ -109,6 +114,47 @@ def test_every_finding_has_its_remedy(seen: Evidence, name: str, verdict: str, r
     results = {result.name: result for result in diagnose("r06", {"channel": "can0", "bitrate": 250000}, seen)}
     assert results[name].verdict == verdict
     assert remedy in results[name].remedy
+
+
+@pytest.mark.parametrize(
+    ("kind", "creep_mps", "verdict", "remedy"),
+    [
+        ("ros_arduino", 0.08, "pass", ""),
+        ("vesc", 0.081, "warn", "s_pid_min_erpm"),
+        ("vesc_uart", 0.081, "warn", "s_pid_min_erpm"),
+        ("ros_arduino", 0.799, "warn", "PID_RATE"),
+        ("ros_arduino", 0.8, "fail", "PID_RATE"),
+        ("of your own", 0.9, "fail", "Gear the motor down"),
+    ],
+)
+def test_wheels_that_cannot_creep_are_a_finding(kind: str, creep_mps: float, verdict: str, remedy: str) -> None:
+    (found,) = [
+        result
+        for result in diagnose("r06", {"kind": kind}, GOOD._replace(creep_mps=creep_mps, max_speed_mps=0.8))
+        if result.name == "creep"
+    ]
+    assert found.verdict == verdict
+    assert remedy in found.remedy
+    assert bool(found.remedy) == (verdict != "pass")
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "rim_mps"),
+    [
+        ("vesc", {"min_erpm": 900.0}, 900 / 60 / 7 * 2 * 3.14159 * 0.03 / 7),
+        ("vesc_uart", {"min_erpm": 900.0}, 900 / 60 / 7 * 2 * 3.14159 * 0.03 / 7),
+        ("ros_arduino", {"counts_per_revolution": 20}, 0.5 * 30 / 20 * 2 * 3.14159 * 0.03 / 7),
+        ("odrive", {}, 0.0),
+    ],
+)
+def test_the_arena_file_tells_how_slowly_wheels_turn(kind: str, changes: dict[str, Any], rim_mps: float) -> None:
+    bench = Bench(kind, **changes)
+    assert bench.drive.dead_zone_radps * 0.03 == pytest.approx(rim_mps, rel=1e-4)
+    if rim_mps:
+        bench.start()
+        for share, turns in ((0.95, False), (1.05, True)):
+            bench.run(1.0, (share * rim_mps / 0.03, share * rim_mps / 0.03))
+            assert (bench.speeds().left_radps > 0.01) == turns
 
 
 def test_what_ip_says_of_a_can_interface() -> None:

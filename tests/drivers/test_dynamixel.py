@@ -186,3 +186,28 @@ def test_pitfall_half_a_millisecond_of_return_delay_by_default_is_taken_away() -
     assert [servo.table[9] for servo in bench.device.servos] == [250, 250]
     bench.start()
     assert [servo.table[9] for servo in bench.device.servos] == [0, 0]
+
+
+def test_pitfall_a_servo_too_slow_for_the_arena_is_refused_for_it_ignores_faster_goals() -> None:
+    bench = Bench("dynamixel")
+    bench.start()
+    servo = bench.device.servos[1]
+    servo.table[44:48] = struct.pack("<I", 445)
+    assert servo.write(104, struct.pack("<i", 446)) == 6
+    assert servo.write(104, struct.pack("<i", -445)) == 0
+    with pytest.raises(
+        Refused, match=r"right servo turns its wheel at 8\.5 rad/s at most \(Velocity Limit 445\)"
+    ) as caught:
+        bench.drive.configure()
+    assert "max_speed_mps to 0.25 or less" in caught.value.remedy
+
+
+def test_goals_beyond_the_velocity_limit_shrink_both_alike() -> None:
+    bench = Bench("dynamixel")
+    bench.start()
+    sent: list[bytes] = []
+    bench.drive.inner.line.send = sent.append
+    for left, right in ((76.0, 38.0), (-38.0, 76.0), (-15.0, 7.5)):
+        bench.drive.inner.write(WheelSpeeds(left, right), 0)
+    goals = [struct.unpack_from("<BiBi", data, 12)[1::2] for data in sent]
+    assert goals == [(1620, -810), (-810, -1620), (-782, -391)]

@@ -3,19 +3,23 @@
 import itertools
 import math
 import struct
+import threading
 
 import pytest
-from benches import Bench
+from benches import ROBOT, WHEELS, Bench
 
+from drivers.base import ControllerFault
 from drivers.can.frame import CanFrame
 from drivers.can.odrive import Options as OdriveOptions
 from drivers.can.vesc import Options as VescOptions
 from drivers.mock.controller import Wheels
+from drivers.mock.dynamixel_packets import checksum
 from drivers.mock.motor import MotorLimits
 from drivers.mock.odrive import AxisSettings, EmulatedOdrive
 from drivers.mock.roboclaw import EmulatedRoboclaw
 from drivers.mock.roboclaw_packets import crc16
 from drivers.mock.vesc import EmulatedVescs, VescSettings
+from drivers.serial.dynamixel_codec import PacketReader
 from drivers.serial.roboclaw import Options as RoboclawOptions
 
 MS = 1_000_000
@@ -213,3 +217,56 @@ def test_pitfall_a_vesc_ramps_its_setpoint_whatever_the_motor_can() -> None:
         device.advance(k * 50 * MS)
         speeds.append(device.wheels.left.radps)
     assert [after - before for before, after in itertools.pairwise(speeds)] == pytest.approx([0.05 * ramp_radps2] * 2)
+
+
+def test_pitfall_an_axis_runs_only_once_its_heartbeat_says_so() -> None:
+    """0.5.6 manual, "CAN Protocol": mode, clear errors, state; then the heartbeat must confirm closed loop."""
+    bench = Bench("odrive")
+    bench.drive.configure()
+    port = bench.drive.inner.line.port
+    sent: list[int] = []
+    send = port.send
+    port.send = lambda frames: sent.extend(frame.can_id for frame in frames) or send(frames)
+    bench.drive.activate(bench.now_ns)
+    assert [can_id & 0x1F for can_id in sent if can_id >> 5 == 4][:4] == [0x0B, 0x0D, 0x18, 0x07]
+    bench.drive.deactivate(bench.now_ns)
+    port.send = lambda frames: True
+    with pytest.raises(ControllerFault, match="closed loop not reached"):
+        bench.drive.activate(bench.now_ns)
+
+
+def test_pitfall_a_vescs_status_messages_carry_no_fault_code() -> None:
+    """Over CAN a fault shows as standing wheels; over UART by its code."""
+    over_can, over_uart = Bench("vesc"), Bench("vesc_uart")
+    for bench in (over_can, over_uart):
+        bench.start()
+        bench.run(0.5, (5.0, 5.0))
+        bench.host.fault(ROBOT, "brown-out")
+    silent, told = over_can.run(0.3, (5.0, 5.0)), over_uart.run(0.3, (5.0, 5.0))
+    assert silent is None or silent.faults == ()
+    assert told is not None
+    assert "left under-voltage" in told.faults
+
+
+@pytest.mark.parametrize("kind", WHEELS)
+def test_pitfall_no_driver_starts_a_thread_that_would_wait_for_the_interpreter(kind: str) -> None:
+    before = set(threading.enumerate())
+    bench = Bench(kind)
+    bench.start()
+    assert set(threading.enumerate()) <= before
+
+
+def test_pitfall_packets_that_the_makers_sdk_leaves_unstuffed_are_read_at_both_ends() -> None:
+    content = b"\xff\xff\xfd\x01"
+
+    def unstuffed(instruction: bytes) -> bytes:
+        whole = b"\xff\xff\xfd\x00\x01" + struct.pack("<H", len(instruction) + 2) + instruction
+        return whole + struct.pack("<H", checksum(whole))
+
+    reader = PacketReader()
+    assert reader.feed(unstuffed(b"\x55\x00" + content)) == [(1, 0, content)]
+    bench = Bench("dynamixel")
+    bench.device.receive(unstuffed(b"\x03" + struct.pack("<H", 108) + content), bench.now_ns)
+    assert bytes(bench.device.servos[0].table[108:112]) == content
+    assert not bench.device_counters
+    assert not reader.counters

@@ -5,8 +5,10 @@ from benches import ROBOT, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.bandwidth import Bandwidth
 from drivers.mock.vesc_uart import checksum
 from drivers.serial import vesc_packet as codec
+from drivers.serial.vesc_uart import Drive
 
 REPLY = bytes.fromhex("32 0002a180 fffff448 00f0 fffffffa 00 0b")
 
@@ -95,6 +97,13 @@ def test_a_full_reply_to_get_values_has_the_length_of_the_firmware() -> None:
     answer = bench.device.receive(codec.packet(b"\x04"), bench.now_ns)
     assert answer[1] == 1 + 73
     assert bench.host.robots[ROBOT].controller is bench.device
+
+
+def test_pitfall_two_full_replies_to_get_values_take_longer_than_a_control_period() -> None:
+    bench = Bench("vesc_uart")
+    full = 2 * len(bench.device.receive(codec.packet(b"\x04"), bench.now_ns))
+    assert not Bandwidth(full, 115200, 0.01).fits
+    assert Bandwidth(Drive.CYCLE_BYTES, 115200, 0.01).fits
 
 
 def test_it_tells_its_firmware_to_clients_that_ask_first() -> None:
