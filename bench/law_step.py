@@ -4,8 +4,9 @@
 
 Missions in virtual time under field conditions, both profiles. Per number of robots and of neighbours in sight:
 median and 99th percentile in microseconds of ``act`` (velocity and plan), ``think`` (tasks and links), ``limit``
-(fence and separation), ``law`` (the three together), ``step`` (the agent from newest pose to wheel speeds) and
-``announce`` (one state message). Times of one machine and one run compare; others do not.
+(fence and separation), ``law`` (the three together), ``cut`` (the limit on what a robot cut off would do), ``step``
+(the agent from newest pose to wheel speeds) and ``announce`` (one state message). Times of one machine and one run
+compare; others do not.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import onboard.agent as agents
+import onboard.guard as guards
 from groundstation.conditions import FIELD
 from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
@@ -28,7 +30,7 @@ from onboard.ahdc.controller import Controller
 
 ROBOTS = (2, 4, 6, 7, 10, 15, 20)
 TARGETS_A_ROBOT = 3
-FIGURES = ("act", "think", "limit", "law", "step", "announce")
+FIGURES = ("act", "think", "limit", "law", "cut", "step", "announce")
 FEWEST_STEPS = 50
 """Rows of fewer steps are left out."""
 
@@ -73,7 +75,8 @@ def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[T
             timed(Controller, "act", times["act"]),
             timed(Controller, "think", times["think"]),
             timed(Controller, "announce", times["announce"]),
-            timed(agents, "limit", times["limit"]),
+            timed(guards, "limit", times["limit"]),
+            timed(guards, "limit_cut", times["cut"]),
             timed(agents.Agent, "step", times["step"]),
         ):
             gc.collect()

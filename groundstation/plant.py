@@ -52,24 +52,21 @@ class Body:
         self.x_m, self.y_m, self.heading_rad = pose
 
     def advance(self, now_ns: int, wheel_separation_m: float) -> None:
-        """Come to that time; nothing happens where it has passed."""
-        release_ns = self.release_ns
-        command, brake = self.command, self.brake
+        """Come to that time, each rim by :func:`rim_after`, the body on the arc of both ways; never back."""
+        command, brake, release_ns = self.command, self.brake, self.release_ns
         if release_ns is not None:
             if self.time_ns < release_ns < now_ns:
-                self._roll(release_ns, wheel_separation_m, command, brake)
+                self.advance(release_ns, wheel_separation_m)
             if self.time_ns >= release_ns:
                 command, brake = REST, self.coast
-        self._roll(now_ns, wheel_separation_m, command, brake)
-
-    def _roll(self, now_ns: int, wheel_separation_m: float, command: Vector, brake: Brake) -> None:
-        """Follow one command: each rim by :func:`rim_after`, the body on the arc of both ways."""
         duration_s = (now_ns - self.time_ns) * 1e-9
         if duration_s <= 0:
             return
         self.time_ns = now_ns
         left, right = self.left_mps, self.right_mps
         to_left, to_right = command
+        if left == right == to_left == to_right == 0.0:
+            return
         if left == to_left:
             left_m = left * duration_s
         else:

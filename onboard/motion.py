@@ -19,6 +19,8 @@ from collections import deque
 from typing import Literal, NamedTuple
 
 from contract.arena import Safety
+from contract.messages import BodyPose
+from onboard.ahdc.parameters import record
 from onboard.odometry import Pose
 
 SAMPLE_NS = 40_000_000
@@ -84,6 +86,9 @@ class MotionCheck:
         self._asked = (0.0, 0.0)
         self._ways: deque[Ways] = deque()
         self._samples: deque[Sample] = deque()
+        self._resets = 0
+        self._seen: tuple[int, BodyPose] | None = None
+        """Newest valid pose not yet compared with the wheels, and its time."""
 
     @property
     def text(self) -> str:
@@ -101,14 +106,31 @@ class MotionCheck:
 
     def feedback(self, stamp_ns: int, left_mps: float, right_mps: float) -> None:
         """Measured rim speeds; a stamp that is not newer is ignored."""
-        if self._ways and stamp_ns <= self._ways[-1].stamp_ns:
+        ways = self._ways
+        last = ways[-1] if ways else Ways(stamp_ns)
+        if ways and stamp_ns <= last[0]:
             return
-        last = self._ways[-1] if self._ways else Ways(stamp_ns)
-        mean = ((self._rims[0] + left_mps) / 2, (self._rims[1] + right_mps) / 2)
-        self._ways.append(self._carry(last, stamp_ns, mean))
+        left, right = self._rims
+        ways.append(self._carry(last, stamp_ns, (left + left_mps) / 2, (right + right_mps) / 2))
         self._rims = (left_mps, right_mps)
-        while self._ways[0].stamp_ns < stamp_ns - 2 * self._window_ns - 1_000_000_000:
-            self._ways.popleft()
+        while ways[0][0] < stamp_ns - 2 * self._window_ns - 1_000_000_000:
+            ways.popleft()
+
+    def see(self, body: BodyPose | None, stamp_ns: int) -> None:
+        """The own body in the newest frame. Where its pose breaks off begins anew at once, a good one waits."""
+        if body is None or not body.valid or body.resets != self._resets:
+            self._resets = body.resets if body is not None else self._resets
+            self._seen = None
+            self.forget()
+        else:
+            self._seen = (stamp_ns, body)
+
+    def compare(self, active: bool) -> None:
+        """Judge the pose that waits, if any; without active motors it is dropped."""
+        seen, self._seen = self._seen, None
+        if seen is not None and active:
+            stamp_ns, body = seen
+            self.pose(stamp_ns, record(Pose, (body.x_m, body.y_m, body.heading_rad)))
 
     def pose(self, stamp_ns: int, pose: Pose) -> None:
         """An own, valid pose; judges."""
@@ -140,7 +162,7 @@ class MotionCheck:
             return None
         after = self._ways[-1]
         if stamp_ns >= after.stamp_ns:
-            return self._carry(after, stamp_ns, self._rims)
+            return self._carry(after, stamp_ns, *self._rims)
         for before in reversed(self._ways):
             if before.stamp_ns <= stamp_ns:
                 share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
@@ -148,18 +170,20 @@ class MotionCheck:
             after = before
         return None
 
-    def _carry(self, last: Ways, stamp_ns: int, rims: tuple[float, float]) -> Ways:
-        span_s = (stamp_ns - last.stamp_ns) * 1e-9
-        left, right = rims
-        return Ways(
+    def _carry(self, last: Ways, stamp_ns: int, left: float, right: float) -> Ways:
+        since_ns, way_m, turn_rad, left_m, right_m, left_asked_m, right_asked_m = last
+        span_s = (stamp_ns - since_ns) * 1e-9
+        left_asked, right_asked = self._asked
+        ways = (
             stamp_ns,
-            last.way_m + (left + right) / 2 * span_s,
-            last.turn_rad + (right - left) / self._separation_m * span_s,
-            last.left_m + abs(left) * span_s,
-            last.right_m + abs(right) * span_s,
-            last.left_asked_m + self._asked[0] * span_s,
-            last.right_asked_m + self._asked[1] * span_s,
+            way_m + (left + right) / 2 * span_s,
+            turn_rad + (right - left) / self._separation_m * span_s,
+            left_m + abs(left) * span_s,
+            right_m + abs(right) * span_s,
+            left_asked_m + left_asked * span_s,
+            right_asked_m + right_asked * span_s,
         )
+        return record(Ways, ways)
 
 
 def judge(first: Sample, last: Sample, safety: Safety) -> Kind:

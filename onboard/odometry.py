@@ -4,6 +4,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+from onboard.ahdc.parameters import record
+
 
 class Pose(NamedTuple):
     """Arena frame: m, m, rad."""
@@ -36,6 +38,8 @@ class Odometry:
         self._separation_m = wheel_separation_m
         self._horizon_ns = int(horizon_s * 1e9)
         self._history: deque[tuple[int, float, float]] = deque()
+        self.rims = (0.0, 0.0)
+        """Latest measured rim speeds, left and right, m/s."""
 
     def record(self, stamp_ns: int, left_mps: float, right_mps: float) -> None:
         """Add a measurement; one not newer than the last is ignored."""
@@ -43,13 +47,9 @@ class Odometry:
         if history and stamp_ns <= history[-1][0]:
             return
         history.append((stamp_ns, left_mps, right_mps))
+        self.rims = (left_mps, right_mps)
         while len(history) > 2 and history[1][0] < stamp_ns - self._horizon_ns:
             history.popleft()
-
-    @property
-    def rims(self) -> tuple[float, float]:
-        """Latest measured rim speeds, m/s."""
-        return (self._history[-1][1], self._history[-1][2]) if self._history else (0.0, 0.0)
 
     def predict(self, pose: Pose, from_ns: int, to_ns: int) -> Pose:
         """``pose``, valid at ``from_ns``, carried on to ``to_ns``; without measurements it stays."""
@@ -65,7 +65,7 @@ class Odometry:
             later.pop()
         stamp_ns, left, right = sample
         separation_m = self._separation_m
-        place: tuple[float, float, float] = pose
+        x, y, heading = pose
         begin = from_ns
         while later and begin < to_ns:
             next_ns, next_left, next_right = sample = later.pop()
@@ -77,9 +77,11 @@ class Odometry:
                 share = 1.0
             left, right = left + share * (next_left - left), right + share * (next_right - right)
             if end > begin:
-                place = _arc(*place, (left + right) / 2, (right - left) / separation_m, (end - begin) * 1e-9)
+                speed, turn_rate = (left + right) / 2, (right - left) / separation_m
+                x, y, heading = _arc(x, y, heading, speed, turn_rate, (end - begin) * 1e-9)
             stamp_ns, left, right = sample
             begin = next_ns
         if begin < to_ns:
-            place = _arc(*place, (left + right) / 2, (right - left) / separation_m, (to_ns - begin) * 1e-9)
-        return Pose(*place)
+            speed, turn_rate = (left + right) / 2, (right - left) / separation_m
+            x, y, heading = _arc(x, y, heading, speed, turn_rate, (to_ns - begin) * 1e-9)
+        return record(Pose, (x, y, heading))

@@ -57,13 +57,15 @@ class Pacing:
         """Rate and 99th-percentile jitter over the window, misses since the start; None before two steps."""
         if not self._intervals:
             return None
-        nominal_ns = 1e9 * self.period_s
-        errors = sorted([abs(interval - nominal_ns) for interval in self._intervals])
-        mean_ns = sum(self._intervals) / len(self._intervals)
+        count, nominal_ns = len(self._intervals), 1e9 * self.period_s
+        mean_ns = sum(self._intervals) / count
+        beyond = count - min(count - 1, int(0.99 * count))
+        sizes = sorted(self._intervals)
+        farthest = sorted([abs(interval - nominal_ns) for interval in sizes[:beyond] + sizes[-beyond:]])
         return LoopTiming(
             nominal_hz=round(1 / self.period_s, 3),
             rate_hz=round(1e9 / mean_ns, 3),
-            jitter_ms=round(errors[min(len(errors) - 1, int(0.99 * len(errors)))] * 1e-6, 3),
+            jitter_ms=round(farthest[-beyond] * 1e-6, 3),
             steps=self.steps,
             misses=self.misses,
         )

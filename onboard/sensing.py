@@ -87,7 +87,7 @@ class Sensing:
                 if mine is None:
                     mine = body
                 if body.valid:
-                    self._own = (Pose(body.x_m, body.y_m, body.heading_rad), stamp_ns)
+                    self._own = (record(Pose, (body.x_m, body.y_m, body.heading_rad)), stamp_ns)
             elif not body.valid:
                 continue
             elif name in others:

@@ -106,7 +106,9 @@ def test_a_mission_is_the_same_where_robots_are_given_only_what_is_near(monkeypa
             arena_for(job), place._replace(starts=tuple((0.4 + 0.8 * k, 0.4) for k in range(10))), job.faced, 4
         )
         world.until(0.8)
-        shown = min(len(agent._frame.bodies) for agent in world.agents.values() if agent._frame is not None)
+        shown = min(
+            len(agent.reception.frame.bodies) for agent in world.agents.values() if agent.reception.frame is not None
+        )
         return [world.hops.pose(name) for name in world.agents], shown
 
     whole, all_bodies = played()

@@ -17,7 +17,7 @@ from contract.messages import (
     TargetCloud,
 )
 from groundstation import rig
-from onboard.agent import STATE_AGE_NS
+from onboard.reception import STATE_AGE_NS
 from onboard.runtime import subscriptions
 from onboard.sensing import Sensing
 from tests.onboard.samples import state
@@ -113,7 +113,7 @@ def test_frames_of_an_earlier_session_are_refused_and_the_new_one_goes_on() -> N
     assert stage.agent.counters["frame of an earlier session"] == 3
     after = msgspec.structs.replace(new, frame=2)
     stage.agent.receive(after, stage.now_ns)
-    assert stage.agent._frame == after
+    assert stage.agent.reception.frame == after
 
 
 def test_a_frame_of_a_session_never_heard_is_refused_if_it_was_published_before_the_last() -> None:

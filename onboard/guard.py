@@ -1,0 +1,49 @@
+"""What a law's command passes on its way to the wheels: the fence, separation, what a robot cut off would do. Pure."""
+
+from collections.abc import Mapping
+
+from contract.arena import Arena
+from onboard import unicycle
+from onboard.ahdc.parameters import record
+from onboard.ahdc.view import Decision, Heard, Sighted
+from onboard.cut import cut_bounds, limit_cut
+from onboard.limits import Neighbour, bounds_of, inside_fence, limit
+from onboard.odometry import Pose
+
+
+class Guard:
+    """The limits of an arena file."""
+
+    def __init__(self, arena: Arena) -> None:
+        self.bounds = bounds_of(arena)
+        self._cut_bounds = cut_bounds(arena)
+        self._separation_m = arena.platform.wheel_separation_m
+        self._max_speed_mps = arena.control.max_speed_mps
+
+    def inside_fence(self, pose: Pose) -> bool:
+        """Whether a robot there is inside the fence, give or take what braking errors explain."""
+        return inside_fence(self.bounds, pose.x_m, pose.y_m)
+
+    def limited(
+        self,
+        decision: Decision,
+        pose: Pose,
+        rims_mps: tuple[float, float],
+        sighted: Mapping[str, Sighted],
+        heard: Mapping[str, Heard],
+    ) -> tuple[float, float, str]:
+        """Rim speeds, left and right, m/s, no faster than the decision's, and what bounds them.
+
+        :param pose: own, dead-reckoned to now.
+        :param rims_mps: measured.
+        """
+        left, right, waits = decision
+        around = []
+        for name, (x, y, vx, vy, age_s, _) in sighted.items():
+            silence_s = heard[name][1] if name in heard else 0.0
+            around.append(record(Neighbour, (x, y, vx, vy, age_s, silence_s)))
+        speed, turn = unicycle.body(left, right, self._separation_m)
+        speed, turn, limited_by = limit(speed, turn, pose, rims_mps, around, self.bounds)
+        speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, around, self._cut_bounds)
+        left, right = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
+        return left, right, cut_by or limited_by or waits
