@@ -51,18 +51,19 @@ class _Wheel:
     def complaint(self, heard_ns: int) -> Complaint | None:
         if not self.command_radps:
             return None
+        frozen = heard_ns - self._moved_ns > FROZEN_NS
+        if not frozen and heard_ns - self._agreed_ns <= REVERSED_NS:
+            return None
         told = f"at a commanded {self.command_radps:.1f} rad/s"
-        if heard_ns - self._moved_ns > FROZEN_NS:
+        if frozen:
             return Complaint(
                 f"the {self.name} encoder stands still {told}: encoder frozen, wheel jammed, or no motor power",
                 "Turn the wheel by hand and compare its position; check encoder cable, motor cable and supply",
             )
-        if heard_ns - self._agreed_ns > REVERSED_NS:
-            return Complaint(
-                f"the {self.name} wheel turns the other way {told}",
-                f"Swap the motor's or the encoder's wires; if both agree, change {self.name}_inverted",
-            )
-        return None
+        return Complaint(
+            f"the {self.name} wheel turns the other way {told}",
+            f"Swap the motor's or the encoder's wires; if both agree, change {self.name}_inverted",
+        )
 
 
 class Health:

@@ -85,15 +85,17 @@ class Wire:
         if now_ns <= self._now_ns:
             return
         self._now_ns = now_ns
+        robots, wheels, hung = self.emulated.robots, self._wheels, self._hung
         for name, clock in self._clocks.items():
             if clock.now_ns > now_ns:
                 continue
             clock.now_ns = now_ns
-            self.emulated.robots[name].advance(now_ns)
-            self.emulated.robots[name].deliver()
-            if name not in self._hung:
-                self._wheels[name].listen(self._own_ns(name, now_ns))
-            self.emulated.robots[name].roll()
+            robot = robots[name]
+            robot.advance(now_ns)
+            robot.deliver()
+            if name not in hung:
+                wheels[name].listen(self._own_ns(name, now_ns))
+            robot.roll()
 
     def pose(self, name: str) -> Pose:
         return Pose(*self.emulated.pose(name))

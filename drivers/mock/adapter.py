@@ -36,6 +36,8 @@ class OnSlcan:
         self.hub = Hub(bitrate)
         self.wheels = device.wheels
         self._port = self.hub.add_port()
+        self._now_ns = -1
+        """The device is so far."""
         self.hub.nodes.append(device)
 
     @property
@@ -59,11 +61,14 @@ class OnSlcan:
         self.hub.bus_off = value
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
-        self.hub.broadcast(self.device.advance(now_ns), now_ns)
-        self.hub.receive(self._port, data, now_ns)
+        if data or now_ns != self._now_ns:
+            self._now_ns = now_ns
+            self.hub.broadcast(self.device.advance(now_ns), now_ns)
+            self.hub.receive(self._port, data, now_ns)
         return self._take()
 
     def advance(self, now_ns: int) -> bytes:
+        self._now_ns = now_ns
         self.hub.broadcast(self.device.advance(now_ns), now_ns)
         return self._take()
 

@@ -18,11 +18,15 @@ class Body:
         self.heading_rad = heading_rad
         self._left_rad = 0.0
         self._right_rad = 0.0
+        self._rolled = False
+        """The heading is a remainder already."""
 
     def roll(self, left_rad: float, right_rad: float) -> None:
         """Move to these total wheel angles."""
+        if left_rad == self._left_rad and right_rad == self._right_rad and self._rolled:
+            return
         left, right = left_rad - self._left_rad, right_rad - self._right_rad
-        self._left_rad, self._right_rad = left_rad, right_rad
+        self._left_rad, self._right_rad, self._rolled = left_rad, right_rad, True
         self.x_m, self.y_m, self.heading_rad = self.ahead(left, right)
 
     def ahead(self, left_rad: float, right_rad: float) -> tuple[float, float, float]:
@@ -39,7 +43,7 @@ class Body:
 
     def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
         """Carry the robot somewhere by hand."""
-        self.x_m, self.y_m, self.heading_rad = x_m, y_m, heading_rad
+        self.x_m, self.y_m, self.heading_rad, self._rolled = x_m, y_m, heading_rad, False
 
     def speed_mps(self, left_radps: float, right_radps: float) -> float:
         """Forward speed at these wheel speeds."""

@@ -69,8 +69,10 @@ class Motor:
         if self.frozen_rad is not None and command:
             command = math.copysign(self.limits.max_radps, command)
         error = command - self.radps
-        ramp_s = min(dt_s, max(0.0, abs(error) - limit * lag) / limit)
-        if ramp_s > 0.0:
+        beyond = abs(error) - limit * lag
+        ramp_s = 0.0
+        if beyond > 0.0:
+            ramp_s = min(dt_s, beyond / limit)
             gain = math.copysign(limit * ramp_s, error)
             self.angle_rad += (self.radps + 0.5 * gain) * ramp_s
             self.radps += gain

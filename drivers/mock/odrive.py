@@ -81,11 +81,10 @@ class Axis:
 
     def cyclic(self, now_ns: int) -> list[CanFrame]:
         """Messages due by now, each at most once."""
-        frames = []
+        frames, due = [], self._due
         for command, period_ns in self._periods():
-            if period_ns and now_ns >= self._due[command]:
-                late_ns = now_ns - self._due[command]
-                self._due[command] = now_ns + period_ns - late_ns % period_ns
+            if period_ns and now_ns >= due[command]:
+                due[command] = now_ns + period_ns - (now_ns - due[command]) % period_ns
                 frames.append(self.message(command))
         return frames
 

@@ -94,6 +94,8 @@ class EmulatedRoboclaw:
             self._buffer = b""
         self._byte_ns = now_ns
         self._buffer += data
+        if not self._buffer:
+            return output
         while True:
             answer = self._packet(now_ns)
             if answer is None:
