@@ -27,7 +27,7 @@ SLACK_S = 0.02
 """From a command to the last packet that feeds the watchdog."""
 POSE_ERROR_M = 0.005
 RUN_AHEAD = 0.8
-"""Share of u_max by which a partner's stop point may run ahead per second of age (onboard/ahdc/plan.py)."""
+"""Share of u_max by which a partner's stop point may run ahead per second of age (onboard/ahdc/room.py)."""
 
 
 def stopping_m(speed_mps: float, deceleration_mps2: float, lag_s: float) -> float:

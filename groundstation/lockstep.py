@@ -8,7 +8,7 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from contract.arena import Arena, digest
 from contract.codec import encode
@@ -17,24 +17,21 @@ from contract.messages import (
     SCHEMA_VERSION,
     Message,
     MocapFrame,
-    MotorBatch,
     NeighbourState,
     Order,
-    RunStatus,
     StationHeartbeat,
     StepBatch,
     StopRequest,
     Target,
     TargetCloud,
 )
-from contract.units import metres, radians
 from groundstation.conditions import Conditions
-from groundstation.connectivity import summary
 from groundstation.hops import Hops, ShortCut
 from groundstation.plant import Plant
 from groundstation.referee import Referee
 from groundstation.result import Result, TimeBook
-from groundstation.targets import Scenario, lower_bound_s
+from groundstation.scoring import MISSION, Phase, Score, truth
+from groundstation.targets import Scenario
 from groundstation.vicinity import CROWD, Vicinity
 from groundstation.wire import Wire
 from onboard.agent import Agent
@@ -47,16 +44,12 @@ SUBSTEP_NS = 2_000_000
 HEARTBEAT_NS = 50_000_000
 TICK_NS = 18_000_000
 """A robot's loop runs this long after its last turn although nothing has arrived."""
-MISSION = "simulate"
 ARM_NS = 200_000_000
 RUN_NS = 400_000_000
 LAST_WORDS_NS = 1_000_000_000
 """What is still unsaid this long after the end stays so."""
 TRUTH_NS = 20_000_000
 """How often a tap hears where the bodies really are."""
-
-
-Phase = Literal["ready", "armed", "running", "completed", "failed"]
 
 
 @dataclass
@@ -83,10 +76,9 @@ class World:
         self._frame = 0
         self._running = False
         self._start_ns = 0
-        self._book: TimeBook | None = None
-        """From the start of the mission on."""
         self._order_seq = 0
         self.referee = Referee(self.arena.control.sensing_radius_m, self.arena.platform.diameter_m)
+        self._score = Score(self.arena, self.scenario, self.seed, self.referee)
         self.keys = Keys(self.arena.arena.name)
         self._handlers: dict[str, Callable[[str, Any], None]] = {
             "frame": self._on_frame,
@@ -97,9 +89,7 @@ class World:
             "check": self._on_check,
             "act": lambda _, act: act(),
         }
-        self._told_occupied = self._known_occupied = 0
-        self._done: list[int] = []
-        """Targets in the order in which the station heard of them."""
+        self._known_occupied = 0
         self._vicinity = Vicinity(self.radius_m)
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
@@ -218,42 +208,11 @@ class World:
             self.tap(key, parcel if isinstance(parcel, bytes) else encode(parcel), self.now_ns)
 
     def _tell_status(self, phase: Phase, detail: str = "") -> None:
-        """The mission as the station sees it, for whoever reads the recording."""
-        if self.tap is None:
-            return
-        heard = (k for k in range(len(self.scenario.targets)) if self._told_occupied >> k & 1)
-        self._done += [k for k in heard if k not in self._done]
-        crew = [self.hops.pose(name)[:2] for name in self.agents if name not in self.excluded]
-        value, pieces = summary(crew, self.arena.control.sensing_radius_m)
-        elapsed_s = (self.now_ns - self._start_ns) * 1e-9 if self._running else 0.0
-        status = RunStatus(
-            stamp_ns=self.now_ns,
-            mission=MISSION,
-            phase=phase,
-            detail=detail,
-            elapsed_s=round(elapsed_s, 6),
-            targets=len(self.scenario.targets),
-            occupied=tuple(self._done),
-            lambda2=round(value, 6),
-            components=pieces,
-            excluded=tuple(sorted(self.excluded)),
-            min_distance_m=metres(min(self.referee.min_distance_m, 1000.0)),
-        )
-        self._tell(self.keys.status, status)
-
-    def _tell_truth(self) -> None:
-        for name in self.agents:
-            x, y, heading = self.hops.pose(name)
-            truth = MotorBatch(
-                robot=name,
-                samples=(),
-                true_ns=self.now_ns,
-                true_x_m=metres(x),
-                true_y_m=metres(y),
-                true_heading_rad=radians(math.remainder(heading, math.tau)),
-                true_speed_mps=0.0,
-            )
-            self._tell(self.keys.motor(name), truth)
+        if self.tap is not None:
+            elapsed_s = (self.now_ns - self._start_ns) * 1e-9 if self._running else 0.0
+            crew = [self.hops.pose(name)[:2] for name in self.agents if name not in self.excluded]
+            status = self._score.status(self.now_ns, phase, detail, elapsed_s, crew, self.excluded)
+            self._tell(self.keys.status, status)
 
     def _on_frame(self, _: str, __: Any) -> None:
         conditions, rng = self.conditions, self._rng
@@ -352,23 +311,23 @@ class World:
         parcel = self.hops.pack(key, message) if self.tap is not None or isinstance(message, NeighbourState) else None
         self._tell(key, parcel)
         if isinstance(message, NeighbourState):
-            self._told_occupied |= int(message.occupied or "0", 16)
+            self._score.told_occupied |= int(message.occupied or "0", 16)
             low, high = self.conditions.message_age_s
             for name in self._vicinity.hearers(sender, self.agents, self.hops.pose):
                 if name != sender and (self.conditions.loss == 0.0 or self._rng.random() >= self.conditions.loss):
                     delay_ns = int(self._rng.uniform(low, high) * 1e9) if high > 0 else 0
                     delay_ns += self.late_ns.get(name, 0)
                     self._at(self.now_ns + delay_ns, "message", name, (key, parcel))
-        elif isinstance(message, StepBatch) and self._book is not None:
+        elif isinstance(message, StepBatch) and self._score.book is not None:
             for step in message.steps:
-                self._book.note(step)
+                self._score.book.note(step)
 
     def _on_heartbeat(self, _: str, __: Any) -> None:
         self._order_seq += 1
         order_id = sum(entry[0] <= self.now_ns for entry in self.orders)
         order, robots = self.orders[order_id - 1][1:]
         if order == "run" and not self._running:
-            self._running, self._start_ns, self._book = True, self.now_ns, TimeBook(self.now_ns)
+            self._running, self._start_ns, self._score.book = True, self.now_ns, TimeBook(self.now_ns)
         heartbeat = StationHeartbeat(
             schema_version=SCHEMA_VERSION,
             boot=1,
@@ -394,52 +353,18 @@ class World:
             places.pop(name, None)
         self.referee.look(places)
         if self.tap is not None and (self.now_ns - self._begin_ns) % TRUTH_NS == 0:
-            self._tell_truth()
+            for name in self.agents:
+                self._tell(self.keys.motor(name), truth(name, self.now_ns, self.hops.pose(name)))
         self._at(self.now_ns + SUBSTEP_NS, "check", "", None)
 
     def result(self, completed: bool) -> Result:
         """What became of it, at this moment. A tap also hears the end, once all that was reached has been told."""
-        found = self._result(completed)
+        mission_s = (self.now_ns - self._start_ns) * 1e-9
+        found = self._score.result(completed, self.now_ns, mission_s, self._occupied(), self.agents)
         if self.tap is not None and self._running:
             late_ns = self.now_ns + LAST_WORDS_NS
             whole = (1 << len(self.scenario.targets)) - 1
-            while completed and self._told_occupied != whole and self._play(late_ns):
+            while completed and self._score.told_occupied != whole and self._play(late_ns):
                 pass
             self._tell_status("completed" if completed else "failed", "" if completed else "time up")
         return found
-
-    def _result(self, completed: bool) -> Result:
-        control, referee = self.arena.control, self.referee
-        mission_s = (self.now_ns - self._start_ns) * 1e-9
-        bound_s = lower_bound_s(
-            self.scenario.starts,
-            self.scenario.targets,
-            control.max_speed_mps,
-            control.occupying_time_s,
-            control.reach_m,
-        )
-        period_s = next(iter(self.agents.values())).pacing.period_s
-        return Result(
-            seed=self.seed,
-            robots=len(self.agents),
-            targets=len(self.scenario.targets),
-            completed=completed,
-            occupied=self._occupied(),
-            mission_s=round(mission_s, 4),
-            disconnected_steps=referee.disconnected,
-            collisions=referee.collisions,
-            min_distance_m=round(referee.min_distance_m, 5) if math.isfinite(referee.min_distance_m) else 0.0,
-            lower_bound_s=round(bound_s, 4),
-            ratio_to_lower_bound=round(mission_s / bound_s, 4) if completed and bound_s > 0 else None,
-            run_steps=round(mission_s / period_s),
-            ending="completed" if completed else "time up",
-            why="" if completed else self._why(),
-            time_s=self._book.close(self.now_ns) if self._book is not None else {},
-        )
-
-    def _why(self) -> str:
-        parts = []
-        for name, agent in self.agents.items():
-            tasking = agent.controller.tasking
-            parts.append(f"{name} {agent.run_state}/{tasking.task.value}:{tasking.target}")
-        return ", ".join(parts)

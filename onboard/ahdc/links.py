@@ -17,28 +17,12 @@ Pure: :meth:`LinkTable.hear` and :meth:`LinkTable.tick` take messages and time (
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Literal
 
 from contract.messages import LinkMessage, TransactionId
+from onboard.ahdc.link_state import LEAVING, OFF, ON, Entry, Link, Removal
 
-
-class Link(Enum):
-    """State of one link at one end."""
-
-    OFF = "off"
-    OFFERED = "offered"
-    """ADD sent: enforce, do not vouch."""
-    ACCEPTED = "accepted"
-    """ACCEPT sent: enforce, do not vouch."""
-    ON = "on"
-    DOUBT = "doubt"
-    """A removal is open (either end): enforce, do not vouch."""
-    LEAVING = "leaving"
-    """Committed as coordinator: enforce until the far end has acknowledged."""
-
-
-ON, OFF, LEAVING = Link.ON, Link.OFF, Link.LEAVING
+__all__ = ["LEAVING", "OFF", "ON", "Entry", "Link", "LinkTable", "Removal"]
 
 Repeated = Literal["add", "accept", "confirm", "commit", "inquire"]
 
@@ -49,28 +33,6 @@ LOCK_TIMEOUT_S = 0.5
 """Liveness only: a removal that is not answered in time is given up."""
 REMEMBERED = 512
 """Closed transactions kept in mind (they are older than any message still under way)."""
-
-
-@dataclass
-class Entry:
-    """One link's state at this end."""
-
-    state: Link = Link.OFF
-    tx: TransactionId | None = None
-    """The transaction it is in: an offer's life, or a removal."""
-    since_s: float = 0.0
-    sent_s: float = -1e9
-    life: TransactionId | None = None
-    """The ADD that made this link."""
-
-
-@dataclass
-class Removal:
-    """The one transaction this robot coordinates."""
-
-    tx: TransactionId
-    other: str
-    started_s: float
 
 
 @dataclass

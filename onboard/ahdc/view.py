@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from contract.messages import NeighbourState
 from onboard.ahdc.parameters import Vector
-from onboard.ahdc.plan import Motion
+from onboard.ahdc.room import Motion
 
 
 class Sighted(NamedTuple):

@@ -11,7 +11,8 @@ from contract.codec import decode
 from contract.messages import SCHEMA_VERSION, Order, RobotReport, StationHeartbeat
 from drivers.mock.faults import FaultKind
 from groundstation.conditions import FIELD
-from groundstation.lockstep import MISSION, World
+from groundstation.lockstep import World
+from groundstation.scoring import MISSION
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 from groundstation.wire import Wire
