@@ -56,7 +56,7 @@ class Channel:
     def __init__(self, random: Random, counters: Counter[str]) -> None:
         self._random = random
         self._counters = counters
-        self._queue: deque[tuple[int, bytes]] = deque()
+        self.queue: deque[tuple[int, bytes]] = deque()
 
     def push(self, data: bytes, now_ns: int, faults: dict[FaultKind, FaultSettings]) -> None:
         if not data:
@@ -75,17 +75,17 @@ class Channel:
                 data = bytes(damaged)
             else:
                 now_ns += int(settings.delay_s * 1e9)
-        self._queue.append((now_ns, data))
+        self.queue.append((now_ns, data))
 
     def pop(self, now_ns: int) -> bytes:
         """What has arrived by now, in order."""
         arrived = []
-        while self._queue and self._queue[0][0] <= now_ns:
-            arrived.append(self._queue.popleft()[1])
+        while self.queue and self.queue[0][0] <= now_ns:
+            arrived.append(self.queue.popleft()[1])
         return b"".join(arrived)
 
     def next_due_ns(self) -> int | None:
-        return self._queue[0][0] if self._queue else None
+        return self.queue[0][0] if self.queue else None
 
 
 class FaultyLine:
@@ -103,7 +103,7 @@ class FaultyLine:
     def carry(self, direction: Direction, data: bytes, now_ns: int) -> bytes:
         """Put bytes in at one end; what comes out at the other by now."""
         channel = self._channels[direction]
-        if not self.faults and channel.next_due_ns() is None:
+        if not (self.faults or channel.queue):
             return data
         faults = {kind: settings for kind, settings in self.faults.items() if direction in settings.directions}
         channel.push(data, now_ns, faults)

@@ -62,7 +62,8 @@ class EmulatedRobot:
     def roll(self) -> None:
         """Bring the body to where the wheels have turned."""
         self.samples += self.controller.take_samples()
-        self.body.roll(self.wheels.left.angle_rad, self.wheels.right.angle_rad)
+        left, right = self.wheels
+        self.body.roll(left.angle_rad, right.angle_rad)
 
     def _answer(self, data: bytes, now_ns: int) -> None:
         self._telemetry += self.line.carry("telemetry", data, now_ns)

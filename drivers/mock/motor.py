@@ -64,10 +64,12 @@ class Motor:
             self._coast(dt_s)
 
     def _servo(self, dt_s: float) -> None:
-        lag, limit = self.limits.lag_s, min(self.acceleration_radps2, self.limits.acceleration_radps2)
+        lag, limit, _, fastest = self.limits
+        if self.acceleration_radps2 < limit:
+            limit = self.acceleration_radps2
         command = self.command_radps
         if self.frozen_rad is not None and command:
-            command = math.copysign(self.limits.max_radps, command)
+            command = math.copysign(fastest, command)
         error = command - self.radps
         beyond = abs(error) - limit * lag
         ramp_s = 0.0
