@@ -360,7 +360,8 @@ class World:
     def result(self, completed: bool) -> Result:
         """What became of it, at this moment. A tap also hears the end, once all that was reached has been told."""
         mission_s = (self.now_ns - self._start_ns) * 1e-9
-        found = self._score.result(completed, self.now_ns, mission_s, self._occupied(), self.agents)
+        period_s = next(iter(self.agents.values())).pacing.period_s
+        found = self._score.result(completed, self.now_ns, mission_s, self._occupied(), period_s, self._why())
         if self.tap is not None and self._running:
             late_ns = self.now_ns + LAST_WORDS_NS
             whole = (1 << len(self.scenario.targets)) - 1
@@ -368,3 +369,10 @@ class World:
                 pass
             self._tell_status("completed" if completed else "failed", "" if completed else "time up")
         return found
+
+    def _why(self) -> str:
+        parts = []
+        for name, agent in self.agents.items():
+            tasking = agent.controller.tasking
+            parts.append(f"{name} {agent.run_state}/{tasking.task.value}:{tasking.target}")
+        return ", ".join(parts)

@@ -1,19 +1,16 @@
 """What a lockstep mission tells of itself beside its messages: status and truth to a recording, its result. Pure."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Literal
 
 from contract.arena import Arena
 from contract.messages import MotorBatch, RunStatus
-from contract.units import metres, radians
+from contract.units import Point, metres, radians
 from groundstation.connectivity import summary
 from groundstation.referee import Referee
 from groundstation.result import Result, TimeBook
 from groundstation.targets import Scenario, lower_bound_s
-from onboard.agent import Agent
-from onboard.ahdc.parameters import Vector
-from onboard.odometry import Pose
 
 MISSION = "simulate"
 
@@ -36,7 +33,7 @@ class Score:
         """Targets in the order in which the station heard of them."""
 
     def status(
-        self, now_ns: int, phase: Phase, detail: str, elapsed_s: float, crew: list[Vector], excluded: Iterable[str]
+        self, now_ns: int, phase: Phase, detail: str, elapsed_s: float, crew: list[Point], excluded: Iterable[str]
     ) -> RunStatus:
         """The mission as the station sees it; ``crew``: where the robots that belong to it are."""
         heard = (k for k in range(len(self._scenario.targets)) if self.told_occupied >> k & 1)
@@ -57,16 +54,15 @@ class Score:
         )
 
     def result(
-        self, completed: bool, now_ns: int, mission_s: float, occupied: int, agents: Mapping[str, Agent]
+        self, completed: bool, now_ns: int, mission_s: float, occupied: int, period_s: float, why: str
     ) -> Result:
-        """What became of the mission so far."""
+        """What became of the mission so far; ``period_s``: of a control step, ``why``: it is not complete."""
         control, scenario, referee = self._arena.control, self._scenario, self._referee
         speed_mps, hold_s, reach_m = control.max_speed_mps, control.occupying_time_s, control.reach_m
         bound_s = lower_bound_s(scenario.starts, scenario.targets, speed_mps, hold_s, reach_m)
-        period_s = next(iter(agents.values())).pacing.period_s
         return Result(
             seed=self._seed,
-            robots=len(agents),
+            robots=len(scenario.starts),
             targets=len(scenario.targets),
             completed=completed,
             occupied=occupied,
@@ -78,18 +74,13 @@ class Score:
             ratio_to_lower_bound=round(mission_s / bound_s, 4) if completed and bound_s > 0 else None,
             run_steps=round(mission_s / period_s),
             ending="completed" if completed else "time up",
-            why="" if completed else ", ".join(_about(name, agent) for name, agent in agents.items()),
+            why="" if completed else why,
             time_s=self.book.close(now_ns) if self.book is not None else {},
         )
 
 
-def _about(name: str, agent: Agent) -> str:
-    tasking = agent.controller.tasking
-    return f"{name} {agent.run_state}/{tasking.task.value}:{tasking.target}"
-
-
-def truth(name: str, now_ns: int, pose: Pose) -> MotorBatch:
-    """Where a body really is."""
+def truth(name: str, now_ns: int, pose: tuple[float, float, float]) -> MotorBatch:
+    """Where a body really is: x and y, m, heading, rad."""
     x, y, heading = pose
     return MotorBatch(
         robot=name,
