@@ -34,7 +34,7 @@ def six_families(seed: int, targets: int = 19, kinds: tuple[str, ...] = SIX, lim
     job = Job(6, targets, seed, "field", "field", limit_s, wired=True)
     arena = arena_for(job)
     robots = {
-        name: msgspec.structs.replace(robot, wheels={"kind": kind, **WHEELS[kind], **COMMON})
+        name: msgspec.structs.replace(robot, wheels={"kind": kind, **COMMON, **WHEELS[kind]})
         for (name, robot), kind in zip(arena.robots.items(), kinds, strict=True)
     }
     arena = msgspec.structs.replace(arena, robots=robots)
