@@ -10,7 +10,11 @@ from contract.messages import MocapFrame, MocapHealth
 from mocap_bridge.mock.bodies import BodyState
 from mocap_bridge.mock.script import Fault
 
-GAP_S = 3.0
+GAP_S = 3.4
+AHEAD_S = 0.5
+"""The next fault's script is followed so long before it: names and ids that change back with it are known by then."""
+UPSET_S = 0.1
+"""A fault begins at most so much later than its turn."""
 RECOVERED_S = 2.6
 """After the start of a fault; the rest of the gap must be sound."""
 FROZEN_S = 0.25
@@ -66,13 +70,18 @@ def faults(seed: int, bodies: Iterable[str], first_s: float = 2.0) -> Iterator[F
             body, other = draw.sample(names, 2)
             yield Fault(
                 kind,
-                start_s + draw.uniform(0.0, 0.1),
+                start_s + draw.uniform(0.0, UPSET_S),
                 what.seconds,
                 body if what.bodies else "",
                 other if what.bodies == 2 else "",
                 what.value,
             )
             start_s += GAP_S
+
+
+def over_s(fault: Fault) -> float:
+    """Until when this fault's script is followed."""
+    return fault.start_s + GAP_S - UPSET_S - AHEAD_S
 
 
 class Judge:

@@ -7,7 +7,7 @@ import pytest
 from mocap_bridge.mock.script import KINDS as SCRIPTED
 from mocap_bridge.mock.script import Script
 from tests.mocap_bridge.lockstep import STARTS, Story, circling
-from tests.mocap_bridge.soak import GAP_S, KINDS, Judge, faults
+from tests.mocap_bridge.soak import KINDS, Judge, faults, over_s
 
 
 def soak(seed: int, count: int) -> Judge:
@@ -17,7 +17,7 @@ def soak(seed: int, count: int) -> Judge:
     for fault in itertools.islice(faults(seed, STARTS), count):
         story.server.follow(Script((fault,)))
         judge.begin(fault)
-        while story.elapsed_s < fault.start_s + GAP_S - 0.11:
+        while story.elapsed_s < over_s(fault):
             story.until(story.elapsed_s + 0.05)
             for frame in story.frames:
                 judge.frame(frame, story.script_s(frame))

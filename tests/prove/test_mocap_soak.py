@@ -23,7 +23,7 @@ from mocap_bridge.mock.script import Script
 from mocap_bridge.mock.server import EmulatedServer
 from mocap_bridge.mock.udp import ServerShell
 from tests.mocap_bridge.lockstep import STARTS, arena, circling
-from tests.mocap_bridge.soak import GAP_S, KINDS, Judge, faults
+from tests.mocap_bridge.soak import GAP_S, KINDS, Judge, faults, over_s
 from tests.mocap_bridge.test_mocap_bridge import arena_file, on_free_ports
 from tests.mocap_bridge.test_mocap_soak import soak
 
@@ -111,7 +111,7 @@ def test_in_real_time(tmp_path: Path) -> None:
         for number, fault in enumerate(itertools.islice(faults(seed, STARTS), COUNT)):
             world.server.follow(Script((fault,)))
             judge.begin(fault)
-            world.until(fault.start_s + GAP_S - 0.11, judge)
+            world.until(over_s(fault), judge)
             judge.end()
             if number == COUNT // 4:
                 settled = world.memory_bytes()
