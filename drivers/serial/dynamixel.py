@@ -18,7 +18,7 @@ from msgspec import Meta
 from contract.messages import WheelFeedback
 from contract.tables import Fault
 from drivers.base import STANDSTILL, Site, WheelSpeeds
-from drivers.conversion import WheelScale, saturate
+from drivers.conversion import WheelScale
 from drivers.family import WheelMotor, pair_faults
 from drivers.ports import BytePort
 from drivers.serial import dynamixel_codec as codec
@@ -61,8 +61,6 @@ class _Servo(WheelMotor):
         super().__init__(name, device, goal, WheelScale.of(COUNTS_PER_TURN, gear_ratio, inverted), 32)
         self.alert = False
         self.hardware_error = 0
-        self.top_units = 0
-        """Velocity Limit as read."""
 
 
 class Drive(SerialDrive[Options]):
@@ -87,7 +85,6 @@ class Drive(SerialDrive[Options]):
         voltage = codec.read(options.left, INPUT_VOLTAGE, 2)
         self._requests = cycle([motion + voltage, *[motion] * (self.VOLTAGE_EVERY - 1)])
         self._alert = False
-        self._top_units = 0
 
     def configure(self) -> None:
         counts = int(self.site.safety.watchdog_s / WATCHDOG_STEP_S + 1e-9)
@@ -96,7 +93,6 @@ class Drive(SerialDrive[Options]):
         try:
             for servo in self._servos:
                 self._identify(servo, min(counts, 127))
-            self._top_units = min(servo.top_units for servo in self._servos)
         except Exception:
             self.close()
             raise
@@ -123,10 +119,7 @@ class Drive(SerialDrive[Options]):
 
     def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
         left, right = speeds if self.active else STANDSTILL
-        left, right = left * self._left_units, right * self._right_units
-        if abs(left) > self._top_units or abs(right) > self._top_units:
-            left, right = saturate(left, right, self._top_units)
-        self.line.send(self._goals.packet(round(left), round(right)))
+        self.line.send(self._goals.packet(round(left * self._left_units), round(right * self._right_units)))
 
     def poll(self, now_ns: int) -> None:
         request = next(self._requests)
@@ -189,15 +182,20 @@ class Drive(SerialDrive[Options]):
             )
 
     def _check_speed(self, servo: _Servo) -> None:
-        """:raises Refused: the servo is slower than the arena file's robots."""
-        servo.top_units = int.from_bytes(self._read(servo, VELOCITY_LIMIT, 4) or b"", "little")
-        radps, wanted = servo.top_units / abs(servo.speed.units_per_rad), self.site.max_wheel_radps
+        """No command that passes the gate, and then the robot's calibration, may exceed the servo's limit.
+
+        :raises Refused: one could.
+        """
+        limit = int.from_bytes(self._read(servo, VELOCITY_LIMIT, 4) or b"", "little")
+        options = self.options
+        radps, wanted = limit / abs(servo.speed.units_per_rad), self.site.max_wheel_radps
+        wanted *= max(1.0, options.wheel_separation_multiplier)
+        wanted /= min(options.left_wheel_radius_multiplier, options.right_wheel_radius_multiplier)
         if radps < wanted:
-            mps = math.floor(100.0 * radps * self.site.platform.wheel_radius_m) / 100.0
+            mps = math.floor(100.0 * self.site.max_speed_mps * radps / wanted) / 100.0
             raise self.line.refused(
-                f"the {servo.name} servo turns its wheel at {radps:.1f} rad/s at most (Velocity Limit "
-                f"{servo.top_units}), control.max_speed_mps = {self.site.max_speed_mps:g} needs {wanted:.1f}; "
-                "it would ignore faster goals",
+                f"the {servo.name} servo turns its wheel at {radps:.1f} rad/s at most (Velocity Limit {limit}), "
+                f"control.max_speed_mps = {self.site.max_speed_mps:g} needs {wanted:.1f}; it would ignore faster goals",
                 f"Set control.max_speed_mps to {mps:.2f} or less, or fit a faster servo",
             )
 

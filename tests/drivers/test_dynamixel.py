@@ -4,7 +4,7 @@ import struct
 
 import pytest
 from benches import ROBOT, Bench
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import ControllerFault, LinkLost, Refused, WheelSpeeds
@@ -202,12 +202,27 @@ def test_pitfall_a_servo_too_slow_for_the_arena_is_refused_for_it_ignores_faster
     assert "max_speed_mps to 0.25 or less" in caught.value.remedy
 
 
-def test_goals_beyond_the_velocity_limit_shrink_both_alike() -> None:
-    bench = Bench("dynamixel")
+@pytest.mark.parametrize(
+    ("trim", "needs"),
+    [
+        ({"left_wheel_radius_multiplier": 0.6}, r"44\.4"),
+        ({"right_wheel_radius_multiplier": 0.6}, r"44\.4"),
+        ({"wheel_separation_multiplier": 1.5}, r"40\.0"),
+    ],
+)
+def test_a_calibration_may_ask_for_faster_wheels(trim: dict[str, float], needs: str) -> None:
+    with pytest.raises(Refused, match=f"turns its wheel at 31.1 rad/s at most .* needs {needs};"):
+        Bench("dynamixel", **trim).drive.configure()
+    inverse = {key: 1.0 / value for key, value in trim.items()}
+    Bench("dynamixel", **inverse).drive.configure()
+
+
+@settings(max_examples=25)
+@given(wanted=st.tuples(st.floats(-26.6, 26.6), st.floats(-26.6, 26.6)), radius=st.floats(0.87, 2.0))
+def test_no_goal_is_ever_beyond_the_limit(wanted: tuple[float, float], radius: float) -> None:
+    bench = Bench("dynamixel", left_wheel_radius_multiplier=radius)
     bench.start()
-    sent: list[bytes] = []
-    bench.drive.inner.line.send = sent.append
-    for left, right in ((76.0, 38.0), (-38.0, 76.0), (-15.0, 7.5)):
-        bench.drive.inner.write(WheelSpeeds(left, right), 0)
-    goals = [struct.unpack_from("<BiBi", data, 12)[1::2] for data in sent]
-    assert goals == [(1620, -810), (-810, -1620), (-782, -391)]
+    bench.drive.gate.arm(bench.now_ns - 10**9)
+    bench.drive.write(WheelSpeeds(*wanted), bench.now_ns)
+    bench.run(0.01)
+    assert not bench.device.counters["refused_write"]
