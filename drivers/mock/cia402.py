@@ -6,7 +6,8 @@ from collections import Counter
 from drivers.can.cia402 import Options
 from drivers.can.frame import CanFrame
 from drivers.mock.adapter import OnSlcan
-from drivers.mock.cia402_slave import ENABLED, DriveSettings, Slave
+from drivers.mock.cia402_objects import DriveSettings
+from drivers.mock.cia402_slave import ENABLED, Slave
 from drivers.mock.controller import SampleLog, Wheels
 from drivers.mock.motor import Shaft
 

@@ -6,49 +6,13 @@ master mapped. Out of the box nothing is mapped as the driver needs it, no trans
 
 import math
 import struct
-from typing import NamedTuple
 
 from drivers.can.frame import CanFrame
+from drivers.mock.cia402_objects import DISABLED, EVENT_DRIVEN, READ_ONLY_OBJECTS, DriveSettings, map_fault, objects
 from drivers.mock.motor import Shaft
 
 NO_OBJECT, READ_ONLY, BAD_LENGTH, BAD_VALUE, BAD_COMMAND = 0x06020000, 0x06010002, 0x06070010, 0x06090030, 0x05040001
-DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x27, 0x07, 0x08
-READ_ONLY_OBJECTS = {0x1000, 0x1001, 0x603F, 0x6041, 0x6061, 0x6064, 0x606C, 0x6079, 0x6502}
-
-
-class DriveSettings(NamedTuple):
-    """Of the device."""
-
-    profile: int = 402
-    bus_volts: float = 24.0
-
-
-def _objects(settings: DriveSettings, node: int) -> dict[tuple[int, int], tuple[int, int]]:
-    """Size in bytes and value at power-up, by index and subindex."""
-    entries: dict[tuple[int, int], tuple[int, int]] = {
-        (0x1000, 0): (4, 0x00020000 | settings.profile),
-        (0x1001, 0): (1, 0),
-        (0x1016, 0): (1, 1),
-        (0x1016, 1): (4, 0),
-        (0x1017, 0): (2, 100),
-        (0x6007, 0): (2, 0),
-        (0x603F, 0): (2, 0),
-        (0x6040, 0): (2, 0),
-        (0x6041, 0): (2, DISABLED),
-        (0x6060, 0): (1, 0),
-        (0x6061, 0): (1, 0),
-        (0x6064, 0): (4, 0),
-        (0x606C, 0): (4, 0),
-        (0x6079, 0): (4, round(settings.bus_volts * 1000)),
-        (0x60FF, 0): (4, 0),
-        (0x6502, 0): (4, 0x104),
-    }
-    for record, cob, mapped in ((0x1400, 0x200, 0x60400010), (0x1800, 0x180, 0x60410010), (0x1801, 0x280, 0)):
-        entries |= {(record, 1): (4, cob + node), (record, 2): (1, 0xFF), (record + 0x200, 0): (1, 1 if mapped else 0)}
-        entries |= {(record + 0x200, place): (4, mapped if place == 1 else 0) for place in range(1, 5)}
-        if record >= 0x1800:
-            entries[record, 5] = (2, 0)
-    return entries
+READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x21, 0x23, 0x27, 0x07, 0x08
 
 
 class Slave:
@@ -60,12 +24,15 @@ class Slave:
         self.shaft = shaft
         self.counts = counts
         self.speed = speed
-        self.objects = _objects(settings, node)
+        self._new = objects(settings, node)
+        self.objects = dict(self._new)
         self.nmt = 0x7F
         self.heard_ns: int | None = None
         """Last heartbeat of the producer watched; None: monitoring has not begun."""
         self.outbox: list[CanFrame] = []
         self._due = {0x1017: 0, 0x1800: 0, 0x1801: 0}
+        self._changed = False
+        """The statusword has, since it was last told."""
 
     def get(self, index: int, subindex: int = 0) -> int:
         return self.objects[index, subindex][1]
@@ -128,14 +95,13 @@ class Slave:
             self._enter(SWITCHED_ON)
         elif word & 0x0F == 0x0F and state == SWITCHED_ON:
             self._enter(ENABLED)
-        if self.get(0x6041) & 0x6F == ENABLED:
-            self.move()
+        self.move()
 
     def move(self) -> None:
-        """Follow the target velocity in the two velocity modes."""
+        """Follow the target velocity if enabled in one of the two velocity modes."""
         target = self.get(0x60FF)
         target -= (target >> 31) << 32
-        if self.get(0x6061) in (3, 9):
+        if self.get(0x6041) & 0x6F == ENABLED and self.get(0x6061) in (3, 9):
             self.shaft.drive(target / self.speed)
 
     def _enter(self, state: int) -> None:
@@ -144,6 +110,7 @@ class Slave:
         if self.get(0x6041) != state:
             self.put(0x6041, state)
             self._due[0x1800] = 0
+            self._changed = True
 
     def order(self, command: int) -> bool:
         """NMT; False for an unknown command."""
@@ -151,9 +118,19 @@ class Slave:
         if command not in states:
             return False
         self.nmt = states[command]
+        self._changed = True
         if command in (0x81, 0x82):
-            self.outbox.append(CanFrame(0x700 + self.node, b"\0"))
+            self._reset(everything=command == 0x81)
         return True
+
+    def _reset(self, everything: bool) -> None:
+        """Objects as at power-up, those of the drive only if ``everything`` is reset; then the boot-up message."""
+        if everything:
+            self.shaft.wheel.release()
+        kept = {} if everything else {key: entry for key, entry in self.objects.items() if key[0] >= 0x2000}
+        self.objects = self._new | kept
+        self.heard_ns = None
+        self.outbox.append(CanFrame(0x700 + self.node, b"\0"))
 
     def transfer(self, data: bytes) -> CanFrame:
         """One SDO request, expedited only."""
@@ -189,6 +166,8 @@ class Slave:
             return BAD_VALUE
         if index & 0xFE00 in (0x1600, 0x1A00) and subindex and self.get(index):
             return BAD_VALUE
+        if index & 0xFE00 in (0x1600, 0x1A00) and not subindex and (code := map_fault(self.objects, index, value)):
+            return code
         if index == 0x6060 and value not in (3, 9):
             return BAD_VALUE
         if index == 0x6040:
@@ -199,6 +178,7 @@ class Slave:
             self.put(0x6061, value)
         elif index == 0x1016:
             self.heard_ns = None
+        self.move()
         return 0
 
     def _active_pdo(self, record: int) -> bool:
@@ -223,7 +203,7 @@ class Slave:
                 self.put(entry >> 16, value)
         if word is not None:
             self.control(word)
-        elif self.get(0x6041) & 0x6F == ENABLED:
+        else:
             self.move()
         return True
 
@@ -240,11 +220,23 @@ class Slave:
             if index == 0x1017:
                 frames.append(CanFrame(0x700 + self.node, bytes((self.nmt,))))
             else:
-                self.measure()
-                entries = self.mapped(index)
-                data = b"".join(self.get(e >> 16).to_bytes((e & 0xFF) // 8, "little") for e in entries)
-                frames.append(CanFrame(self.get(index, 1) & 0x7FF, data))
+                frames.append(self._process_data(index))
+        if self._changed and self.nmt == 0x05:
+            self._changed = False
+            frames += [self._process_data(record) for record in (0x1800, 0x1801) if self._tells_changes(record)]
         return frames
+
+    def _process_data(self, record: int) -> CanFrame:
+        """A transmit PDO as it is mapped."""
+        self.measure()
+        data = b"".join(self.get(e >> 16).to_bytes((e & 0xFF) // 8, "little") for e in self.mapped(record))
+        return CanFrame(self.get(record, 1) & 0x7FF, data)
+
+    def _tells_changes(self, record: int) -> bool:
+        """Event driven, without a timer that will tell anyway, with the statusword in it."""
+        if not self._active_pdo(record) or self.get(record, 5) or self.get(record, 2) not in EVENT_DRIVEN:
+            return False
+        return any(entry >> 16 == 0x6041 for entry in self.mapped(record))
 
     def next_due_ns(self) -> int | None:
         times = [self._due[index] for index, period_ms in self._periods() if period_ms]

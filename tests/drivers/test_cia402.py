@@ -240,7 +240,6 @@ def test_the_librarys_sdo_client_and_remote_node_command_our_emulator() -> None:
     for word in (6, 7, 15):
         sdo.download(0x6040, 0, struct.pack("<H", word))
     sdo.download(0x60FF, 0, struct.pack("<i", 4096))
-    sdo.download(0x6040, 0, struct.pack("<H", 15))
     bench.clock.let_pass(1.5)
     bench.host.advance(bench.now_ns)
     assert bench.speeds().left_radps == pytest.approx(2 * 3.14159265 / 7.0, abs=0.01)
@@ -375,3 +374,90 @@ def test_position_wraps_without_a_jump() -> None:
     feedback = bench.run(1.0, (10.0, 10.0))
     assert feedback is not None
     assert feedback.left_rad == pytest.approx(bench.device.wheels.left.angle_rad, abs=0.2)
+
+
+def test_a_reset_node_is_as_it_was_when_switched_on() -> None:
+    """CiA 301: reset node takes every object back to power-up, reset communication those below 2000h."""
+    bench = Bench("cia402")
+    bench.start()
+    bench.run(1.0, (5.0, 5.0))
+    left, right = slaves(bench)
+    frames = bench.device.device.take_frame(CanFrame(0, bytes((0x82, RIGHT))), bench.now_ns)
+    assert (right.nmt, right.get(0x1016, 1), right.get(0x6060)) == (0x7F, 0, 3)
+    frames += bench.device.device.take_frame(CanFrame(0, bytes((0x81, LEFT))), bench.now_ns)
+    assert not left.shaft.wheel.powered
+    assert (left.nmt, left.get(0x6041), left.get(0x6060), left.get(0x60FF)) == (0x7F, 0x40, 0, 0)
+    sent = frames + bench.device.device.advance(bench.now_ns)
+    assert {frame.can_id for frame in sent if frame.data == b"\0"} == {0x700 + LEFT, 0x700 + RIGHT}
+
+
+def test_other_masters_find_identity_and_records() -> None:
+    """CiA 301: 1018h is mandatory, sub 0 of a record is its highest sub; 402: what profile velocity is tuned by."""
+    bench = Bench("cia402")
+    _, client = library_master(bench)
+    sdo = client(LEFT)
+    numbers = {
+        (0x1018, 0): 4,
+        (0x1018, 1): 0,
+        (0x1400, 0): 2,
+        (0x1800, 0): 5,
+        (0x1800, 3): 0,
+        (0x605A, 0): 2,
+        (0x6083, 0): 0,
+        (0x6084, 0): 0,
+        (0x607F, 0): 0,
+    }
+    for (index, subindex), number in numbers.items():
+        assert int.from_bytes(sdo.upload(index, subindex), "little") == number, f"{index:04X}h:{subindex}"
+    sdo.download(0x6083, 0, struct.pack("<I", 5000))
+    with pytest.raises(canopen.SdoAbortedError):
+        sdo.download(0x1018, 1, bytes(4))
+
+
+def test_a_statusword_that_changes_is_told_without_any_timer() -> None:
+    bench = Bench("cia402")
+    left = slaves(bench)[0]
+    device = bench.device.device
+    device.advance(bench.now_ns)
+    device.take_frame(CanFrame(0, bytes((1, LEFT))), bench.now_ns)
+
+    def told(word: int) -> list[bytes]:
+        left.control(word)
+        return [frame.data for frame in device.advance(bench.now_ns) if frame.can_id == 0x180 + LEFT]
+
+    assert told(0) == [b"\x40\0"], "once after the start"
+    assert told(6) == [b"\x21\0"]
+    assert told(6) == []
+    left.put(0x1800, 1, 2)
+    assert told(7) == [], "transmission type 1 waits for a SYNC"
+
+
+@pytest.mark.parametrize(
+    ("entries", "count", "code"),
+    [
+        ((), 1, 0x06040041),
+        ((0x60400010,), 2, 0x06040041),
+        ((0x5FFF0010,), 1, 0x06040041),
+        ((0x60400010, 0x60FF0010), 2, 0x06040041),
+        ((0x60640020, 0x606C0020, 0x60410010), 3, 0x06040042),
+        ((0x60410010,) * 4, 5, 0x06040042),
+        ((0x60640020, 0x606C0020), 2, 0),
+    ],
+)
+def test_a_map_of_nothing_or_of_too_much_is_refused(entries: tuple[int, ...], count: int, code: int) -> None:
+    """CiA 301: 0604 0041h object cannot be mapped, 0604 0042h longer than a PDO."""
+    bench = Bench("cia402")
+    left = slaves(bench)[0]
+
+    def write(index: int, subindex: int, size: int, value: int) -> int:
+        request = struct.pack("<BHBI", 0x23 | (4 - size) << 2, index, subindex, value)
+        answer = left.transfer(request).data
+        return struct.unpack_from("<I", answer, 4)[0] if answer[0] == 0x80 else 0
+
+    assert write(0x1800, 1, 4, 0x80000181) == write(0x1A00, 0, 1, 0) == write(0x1A00, 1, 4, 0) == 0
+    for place, entry in enumerate(entries, 1):
+        write(0x1A00, place, 4, entry)
+    assert write(0x1A00, 0, 1, count) == code
+    assert write(0x1800, 1, 4, 0x181) == write(0x1800, 5, 2, 10) == 0
+    left.order(1)
+    assert [len(frame.data) for frame in left.cyclic(10**9) if frame.can_id == 0x181] == [0 if code else 8]
