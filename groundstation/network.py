@@ -5,6 +5,7 @@ import signal
 from typing import Any
 
 from contract import network
+from contract.allocator import share_arenas
 
 
 def open_session(settings: network.Settings) -> Any:
@@ -15,6 +16,7 @@ def open_session(settings: network.Settings) -> Any:
     :raises zenoh.ZError: no router answers, an address is taken, or a certificate is of no use.
     """
     os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
+    share_arenas()
     import zenoh
 
     config = zenoh.Config()

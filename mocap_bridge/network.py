@@ -5,6 +5,7 @@ import signal
 import socket
 
 from contract import network
+from contract.allocator import share_arenas
 from contract.exposure import host_of
 
 os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
@@ -35,6 +36,7 @@ def open_session(endpoint: str, identity: network.Identity | None = None) -> zen
     config = zenoh.Config()
     for key, value in settings:
         config.insert_json5(key, value)
+    share_arenas()
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
     try:
         return zenoh.open(config)
