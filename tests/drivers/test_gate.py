@@ -40,6 +40,7 @@ EVENTS = {
     "infinite": (0.5, -INF, T0, T0),
     "own stamp": (0.5, 0.5, int("1000000000"), T0),
     "late stamp": (0.5, 0.5, T0 - 100_000_001, T0),
+    "late stamp at once": (0.5, 0.5, T0 - 110_000_001, T0 - 10_000_000),
     "oldest stamp": (0.5, 0.5, T0 - 100_000_000, T0),
     "future stamp": (0.5, 0.5, T0 + 1, T0),
     "clock back": (0.5, 0.5, T0 - 10_000_001, T0 - 10_000_001),
@@ -53,6 +54,7 @@ REFUSED = {
     "nan right": "nonfinite",
     "infinite": "nonfinite",
     "late stamp": "stale",
+    "late stamp at once": "stale",
     "future stamp": "clock",
     "clock back": "clock",
 }
@@ -199,6 +201,8 @@ def test_slew_is_limited_from_the_last_permitted_speed() -> None:
         ((-0.5, -0.25), (-0.5, -4.0), (-0.15625, -1.25)),
         ((0.5, 0.5), (-1.5, 0.5), (-1.0, 1 / 3)),
         ((0.5, 0.5), (0.5, -1.5), (1 / 3, -1.0)),
+        ((-0.5, -0.5), (1.5, -0.5), (1.0, -1 / 3)),
+        ((-0.5, -0.5), (-0.5, 1.5), (-1 / 3, 1.0)),
         ((0.0, 0.0), (2.0, 0.0), (1.0, 0.0)),
         ((0.0, 0.0), (0.0, -2.0), (0.0, -1.0)),
     ],
@@ -232,6 +236,12 @@ def test_growth_is_that_of_the_time_since_the_last_command() -> None:
     gate = gate_in(GateState.ARMED)
     assert gate.permit(WheelSpeeds(9.0, 9.0), T0, T0) == pytest.approx((1.0, 1.0))
     assert gate.permit(WheelSpeeds(9.0, 9.0), T0 + 20_000_000, T0 + 20_000_000) == pytest.approx((3.0, 3.0))
+
+
+def test_the_oldest_stamp_may_be_shrunk_too() -> None:
+    gate = gate_in(GateState.ARMED)
+    assert gate.permit(WheelSpeeds(4.0, 2.0), T0 - 100_000_000, T0) == pytest.approx((1.0, 0.5))
+    assert dict(gate.counters) == {"slew": 1}
 
 
 def test_reversal_may_only_grow_from_zero() -> None:
