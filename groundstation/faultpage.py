@@ -1,5 +1,6 @@
 """``docs/fault-matrix.md`` from what the faults did. Pure."""
 
+import math
 import statistics
 from collections.abc import Sequence
 
@@ -65,7 +66,8 @@ def _line(row: Row, outcomes: Sequence[Outcome], arena: Arena) -> str:
     measured = " / ".join(f"{value:.0f}" for value in zeros) if zeros else "-"
     spoke = ", ".join(dict.fromkeys(f"`{name}`" for run in runs for name in run.failsafe)) or "-"
     deadline = "-" if row.zero_s is None else f"{row.zero_s * 1e3:.0f}"
-    allowed = "-" if row.zero_s is None else f"{allowed_m(row, arena):.2f}" if not row.resumes else "-"
+    allowed_way_m = allowed_m(row, arena)
+    allowed = f"{allowed_way_m:.2f}" if math.isfinite(allowed_way_m) else "-"
     rolled = "-" if row.zero_s is None else f"{max((run.rolled_m for run in runs), default=0.0):.2f}"
     good = f"{sum(not run.faults for run in runs)}/{len(runs)}"
     fault = row.fault + (f" ({row.family})" if row.family else "")

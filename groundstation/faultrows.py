@@ -29,6 +29,8 @@ PAUSE_S = 0.5
 LATE_S = 0.3
 TURN_S = 0.03
 """A tick (18 ms), a frame (10 ms) and the bus."""
+SEEN_AGAIN_S = 0.3
+"""A robot may have poses again, and go on, so long before the station has: either tries four times a second."""
 
 
 class Row(NamedTuple):
@@ -45,7 +47,9 @@ class Row(NamedTuple):
     resumes: bool = False
     """The robot may go on within the time looked at: the first zero counts, not the last."""
     blind: bool = False
-    """What the motors decode cannot be heard meanwhile; the body's place before and after is judged alone."""
+    """What the motors decode cannot be heard meanwhile; the body's place before and after is judged alone.
+
+    If it resumes as well, it may be on its way again when it is first seen: then only how far it came counts."""
     leaves: str = ""
     """Run states at the end, one of them; empty: as the action says."""
 
@@ -85,8 +89,12 @@ class Outcome(msgspec.Struct, frozen=True):
 def allowed_m(row: Row, arena: Arena) -> float:
     """How far the victim may roll after the fault: the deadline at full speed, then a brake; a cut coasts instead."""
     speed, field = arena.control.max_speed_mps, arena.control.field
-    if row.zero_s is None or row.resumes:
+    if row.zero_s is None or (row.resumes and not row.blind):
         return float("inf")
+    if row.resumes:
+        return speed * (row.zero_s + SEEN_AGAIN_S) + stopping_m(
+            speed, field.brake_deceleration_mps2[0], field.motor_lag_s[1]
+        )
     if row.action in ("CUT", "FAULT"):
         return speed * row.zero_s + cut_m(speed, 0.0, arena.platform.coast_deceleration_mps2)
     return speed * row.zero_s + stopping_m(speed, field.brake_deceleration_mps2[0], field.motor_lag_s[1])

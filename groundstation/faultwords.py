@@ -33,11 +33,18 @@ def judge(row: Row, outcome: Outcome, allowed: float) -> Iterator[str]:
         if outcome.failsafe and not row.failsafes:
             yield f"stopped by {', '.join(outcome.failsafe)}"
         return
-    if outcome.zero_s is None and outcome.rest_s is None:
-        yield "neither a zero nor rest"
-    elif outcome.zero_s is not None and outcome.zero_s > row.zero_s:
-        yield f"zero after {outcome.zero_s:g} s, {row.zero_s:g} s allowed"
-    if outcome.rest_s is None and not row.resumes:
-        yield "still moving when last looked at"
+    if not (row.blind and row.resumes):
+        yield from _at_rest(row, outcome, row.zero_s)
+    elif outcome.rest_s is None and not outcome.rolled_m:
+        yield "not seen again"
     if outcome.rolled_m > allowed:
         yield f"rolled {outcome.rolled_m:g} m, {allowed:.2f} m allowed"
+
+
+def _at_rest(row: Row, outcome: Outcome, within_s: float) -> Iterator[str]:
+    if outcome.zero_s is None and outcome.rest_s is None:
+        yield "neither a zero nor rest"
+    elif outcome.zero_s is not None and outcome.zero_s > within_s:
+        yield f"zero after {outcome.zero_s:g} s, {within_s:g} s allowed"
+    if outcome.rest_s is None and not row.resumes:
+        yield "still moving when last looked at"

@@ -128,6 +128,18 @@ def test_everything_a_row_demands_is_judged(case: str) -> None:
     assert list(judge(row, msgspec.structs.replace(GOOD, **BAD[case]), allowed))
 
 
+def test_a_robot_nobody_saw_may_be_going_again_when_it_is_seen_but_no_farther_than_it_may_be() -> None:
+    row = next(row for row in REAL_ROWS if row.name == "radio: router and bridge killed, restarted")
+    allowed = allowed_m(row, arena_for(Job(3, 19, 1, "field", "field", 60.0)))
+    assert 0.3 < allowed < 1.2
+    seen = msgspec.structs.replace(GOOD, failsafe=(), zero_s=None, rest_s=None, rolled_m=0.3, state="running")
+    assert not list(judge(row, seen, allowed))
+    assert list(judge(row, msgspec.structs.replace(seen, rolled_m=allowed + 0.01), allowed))
+    assert list(judge(row, msgspec.structs.replace(seen, rolled_m=0.0), allowed)) == ["not seen again"]
+    for other in (row._replace(resumes=False), row._replace(blind=False)):
+        assert "neither a zero nor rest" in list(judge(other, seen, allowed))
+
+
 def test_a_fault_that_must_not_stop_anybody_is_bad_when_it_does() -> None:
     row = BY_NAME["motion capture: duplicate"]
     assert list(judge(row, GOOD, float("inf")))
