@@ -155,8 +155,10 @@ class Side:
         command = next(self._commands)
         os.write = tap = Tap(self._rig)  # type: ignore[assignment]
         begun = time.perf_counter_ns()
-        command()
-        os.write = write
+        try:
+            command()
+        finally:
+            os.write = write
         self._rig.pump(tap.data)
         self._rig.pass_time(PERIOD_NS // 2)
         self._rest()
