@@ -23,6 +23,7 @@ from onboard.ahdc.controller import Controller
 from onboard.ahdc.parameters import from_arena, record
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.view import View
+from onboard.expected import slowest
 from onboard.failsafes import Conditions
 from onboard.guard import Guard
 from onboard.homing import Home, Homing
@@ -77,7 +78,7 @@ class Agent:
         self.homing = Homing(robot, home, parameters, self._guard.bounds, self.pacing.period_s)
         self._going_home = False
         self._odometry = Odometry(separation_m)
-        self._motion = MotionCheck(arena.safety, separation_m)
+        self._motion = MotionCheck(arena.safety, separation_m, slowest(arena))
         self._pose = (False, "never seen")
         """Whether the newest frame's own pose is valid, and why not."""
         self._start_direction = 0.0

@@ -12,6 +12,9 @@ what the wheels say.
     body moves across its heading               heading offset wrong, or wrong body
     body moves backwards                        heading inverted; where it turns backwards as well, both wheels
     body turns the other way                    wheels swapped
+
+A wheel told to go back and forth turns little, however much is asked of it. So what is asked is what every wheel no
+slower than the slowest calibrated one would have rolled under these commands: see :mod:`onboard.expected`.
 """
 
 import math
@@ -21,6 +24,7 @@ from typing import Literal, NamedTuple
 from contract.arena import Safety
 from contract.messages import BodyPose
 from onboard.ahdc.parameters import record
+from onboard.expected import Expected, Plant
 from onboard.odometry import Pose
 
 SAMPLE_NS = 40_000_000
@@ -30,8 +34,6 @@ REACH_NS = 60_000_000
 STILL_SHARE = 0.25
 """Of ``motion_way_m`` or ``motion_turn_rad``: below it wheels, or a body, stand."""
 CARRIED_FACTOR = 1.5
-ASKED_FACTOR = 2.0
-"""A wheel is stuck only after commands for this many ``motion_way_m``: motors need time to start."""
 PIVOT_M = 0.03
 """A body's origin may be this far from the middle of the axle: turning then moves it across."""
 
@@ -50,7 +52,7 @@ TEXT: dict[Kind, str] = {
 
 
 class Ways(NamedTuple):
-    """Integrated since the start: of the wheels, and of the commands."""
+    """Integrated since the start: of the wheels, and of what was to be expected of them."""
 
     stamp_ns: int
     way_m: float = 0.0
@@ -77,13 +79,14 @@ class Sample(NamedTuple):
 class MotionCheck:
     """Feed it every feedback, command and own pose; ask :attr:`kind`."""
 
-    def __init__(self, safety: Safety, wheel_separation_m: float) -> None:
+    def __init__(self, safety: Safety, wheel_separation_m: float, slow: Plant) -> None:
         self.kind: Kind = ""
         self._safety = safety
         self._separation_m = wheel_separation_m
         self._window_ns = int(safety.motion_window_s * 1e9)
         self._rims = (0.0, 0.0)
         self._asked = (0.0, 0.0)
+        self._expected = (Expected(slow), Expected(slow))
         self._ways: deque[Ways] = deque()
         self._samples: deque[Sample] = deque()
         self._resets = 0
@@ -102,7 +105,7 @@ class MotionCheck:
 
     def command(self, left_mps: float, right_mps: float) -> None:
         """Rim speeds asked of the wheels from now on."""
-        self._asked = (abs(left_mps), abs(right_mps))
+        self._asked = (left_mps, right_mps)
 
     def feedback(self, stamp_ns: int, left_mps: float, right_mps: float) -> None:
         """Measured rim speeds; a stamp that is not newer is ignored."""
@@ -111,7 +114,9 @@ class MotionCheck:
         if ways and stamp_ns <= last[0]:
             return
         left, right = self._rims
-        ways.append(self._carry(last, stamp_ns, (left + left_mps) / 2, (right + right_mps) / 2))
+        span_s = (stamp_ns - last[0]) * 1e-9
+        asked = [rim.roll(command, span_s) for rim, command in zip(self._expected, self._asked, strict=True)]
+        ways.append(self._carry(last, stamp_ns, (left + left_mps) / 2, (right + right_mps) / 2, *asked))
         self._rims = (left_mps, right_mps)
         while ways[0][0] < stamp_ns - 2 * self._window_ns - 1_000_000_000:
             ways.popleft()
@@ -162,7 +167,8 @@ class MotionCheck:
             return None
         after = self._ways[-1]
         if stamp_ns >= after.stamp_ns:
-            return self._carry(after, stamp_ns, *self._rims)
+            span_s = (stamp_ns - after.stamp_ns) * 1e-9
+            return self._carry(after, stamp_ns, *self._rims, *(rim.speed_mps * span_s for rim in self._expected))
         for before in reversed(self._ways):
             if before.stamp_ns <= stamp_ns:
                 share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
@@ -170,18 +176,20 @@ class MotionCheck:
             after = before
         return None
 
-    def _carry(self, last: Ways, stamp_ns: int, left: float, right: float) -> Ways:
+    def _carry(
+        self, last: Ways, stamp_ns: int, left: float, right: float, left_asked: float, right_asked: float
+    ) -> Ways:
+        """The integrals after that, with these rim speeds in between and so many metres asked."""
         since_ns, way_m, turn_rad, left_m, right_m, left_asked_m, right_asked_m = last
         span_s = (stamp_ns - since_ns) * 1e-9
-        left_asked, right_asked = self._asked
         ways = (
             stamp_ns,
             way_m + (left + right) / 2 * span_s,
             turn_rad + (right - left) / self._separation_m * span_s,
             left_m + abs(left) * span_s,
             right_m + abs(right) * span_s,
-            left_asked_m + left_asked * span_s,
-            right_asked_m + right_asked * span_s,
+            left_asked_m + left_asked,
+            right_asked_m + right_asked,
         )
         return record(Ways, ways)
 
@@ -196,7 +204,7 @@ def judge(first: Sample, last: Sample, safety: Safety) -> Kind:
     still_m = STILL_SHARE * safety.motion_way_m
     still_rad = STILL_SHARE * safety.motion_turn_rad
     rims = ((wheels.left_m, wheels.left_asked_m), (wheels.right_m, wheels.right_asked_m))
-    if any(rolled < still_m and asked >= ASKED_FACTOR * safety.motion_way_m for rolled, asked in rims):
+    if any(rolled < still_m and asked >= safety.motion_way_m for rolled, asked in rims):
         return "stuck"
     if wheels.left_m + wheels.right_m < 2 * still_m:
         return "wrong body" if math.hypot(forward, left) >= CARRIED_FACTOR * safety.motion_way_m else ""
