@@ -27,6 +27,7 @@ AGE_S = 0.08
 """The oldest pose or message of the field conditions."""
 PAUSE_S = 0.5
 LATE_S = 0.3
+JUMP_M = 0.5
 TURN_S = 0.03
 """A tick (18 ms), a frame (10 ms) and the bus."""
 SEEN_AGAIN_S = 0.3
@@ -127,6 +128,12 @@ def _mocap(kind: str, value: float | None = None, single: bool = False) -> Calla
         server.inject(Fault(kind, start_s, LASTS_S, *(bodies if single else ("", "")), value))
 
     return inject
+
+
+def _jump(world: World, victim: str) -> None:
+    """Towards the middle, so that it stays on the floor."""
+    inwards = world.hops.pose(victim).x_m < world.arena.arena.size_m[0] / 2
+    _mocap("jump", JUMP_M if inwards else -JUMP_M, single=True)(world, victim)
 
 
 def _message(damage: Callable[[bytes], bytes]) -> Callable[[World, str], None]:
@@ -232,7 +239,6 @@ def _rows() -> tuple[Row, ...]:
         ("occlusion", None, True, AGE_S + TURN_S, ("pose_invalid",)),
         ("absent", None, True, 0.2 + AGE_S, ("pose_invalid",)),
         ("swap", None, True, 0.2 + AGE_S, ("pose_invalid",)),
-        ("jump", 0.5, True, 0.2 + AGE_S, ("pose_invalid",)),
         ("frozen", None, True, 0.4, ("pose_invalid", "pose_stale")),
         ("not_finite", None, True, AGE_S + TURN_S, ("pose_invalid",)),
         ("denormal", 0.5, True, AGE_S + TURN_S, ("pose_invalid",)),
@@ -248,8 +254,9 @@ def _rows() -> tuple[Row, ...]:
         ("millimetres", None, False, silence_s, ()),
         ("edit_mode", None, False, AGE_S + TURN_S, ("pose_invalid",)),
     ):
-        resumes = kind in ("jump", "restart")
+        resumes = kind == "restart"
         rows.append(Row("motion capture", kind, "HOLD", _mocap(kind, value, single), zero_s, speaks, resumes=resumes))
+    rows.append(Row("motion capture", "jump", "FAULT", _jump, 0.2 + AGE_S, ("pose_jumped",)))
     for kind, value in (
         ("duplicate", None),
         ("reorder", None),

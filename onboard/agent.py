@@ -27,6 +27,7 @@ from onboard.expected import slowest
 from onboard.failsafes import Conditions
 from onboard.guard import Guard
 from onboard.homing import Home, Homing
+from onboard.jump import MARGIN_SHARE, JumpCheck
 from onboard.laws import installed_law
 from onboard.motion import MotionCheck
 from onboard.odometry import Odometry
@@ -62,7 +63,9 @@ class Agent:
         separation_m = arena.platform.wheel_separation_m
         self._guard = Guard(arena)
         self.supervisor = Supervisor(arena, robot)
-        self.sensing = Sensing(robot, arena.control.sensing_radius_m, arena.safety.neighbour_silence_s)
+        control, safety = arena.control, arena.safety
+        plausible = (control.max_speed_mps, MARGIN_SHARE * safety.motion_way_m)
+        self.sensing = Sensing(robot, control.sensing_radius_m, safety.neighbour_silence_s, *plausible)
         self.pacing = Pacing(arena.control.control_period_s, arena.mocap.frame_rate_hz)
         self.reception = Reception(arena, robot, boot)
         self._account = Account(arena, robot, boot, software, self.supervisor, self.sensing, self.pacing)
@@ -79,6 +82,7 @@ class Agent:
         self._going_home = False
         self._odometry = Odometry(separation_m)
         self._motion = MotionCheck(arena.safety, separation_m, slowest(arena))
+        self._jump = JumpCheck(arena.safety, separation_m)
         self._pose = (False, "never seen")
         """Whether the newest frame's own pose is valid, and why not."""
         self._start_direction = 0.0
@@ -139,6 +143,7 @@ class Agent:
         self._feedback = sample
         self._odometry.record(sample.stamp_ns, left, right)
         self._motion.feedback(sample.stamp_ns, left, right)
+        self._jump.feedback(sample.stamp_ns, left, right)
         self._account.sample(sample)
         if sample.faults and not self._driver_fault[0]:
             self.driver_fault(
@@ -156,6 +161,7 @@ class Agent:
         self._driver_active = active
         if not active:
             self._motion.forget()
+            self._jump.forget()
 
     @property
     def run_state(self) -> RunState:
@@ -198,7 +204,8 @@ class Agent:
             decision = self.homing.decide(view, self._commanded)
         else:
             decision = self.controller.act(view)
-        left, right, waits = self._guard.limited(decision, pose, rims, sighted, heard)
+        doubtful = self.sensing.doubtful(now_ns, self.supervisor.excluded)
+        left, right, waits = self._guard.limited(decision, pose, rims, sighted, heard, doubtful)
         if not (verdict.may_move and verdict.enable):
             left = right = 0.0
         self._commanded = (left, right)
@@ -259,6 +266,7 @@ class Agent:
         body = self.sensing.frame(frame)
         self._pose = (False, "not in the frame") if body is None else (body.valid, body.reason)
         self._motion.see(body, frame.exposure_ns)
+        self._jump.see(body, frame.exposure_ns, self._driver_active)
         return self.pacing.frame(frame.session, frame.frame, frame.rate_hz)
 
     def _on_targets(self, cloud: TargetCloud) -> None:
@@ -305,12 +313,15 @@ class Agent:
                 inside_fence=own is None or self._guard.inside_fence(own[0]),
                 duplicate_id=reception.duplicate(now_ns),
                 motion_fault=self._motion.text,
+                jump=self._jump.text,
                 battery_v=sample.bus_v if sample else None,
             ),
             now_ns,
         )
         self._loop_ns = now_ns
         self._verdict = verdict
+        if verdict.run == "disarmed":
+            self.sensing.settle()
         self._account.verdict(verdict, now_ns)
         return verdict
 

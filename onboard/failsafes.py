@@ -41,6 +41,8 @@ class Conditions(NamedTuple):
     """Another process writes this robot's keys."""
     motion_fault: str = ""
     """What the wheels report does not fit what the poses show."""
+    jump: str = ""
+    """The own body came back elsewhere than its wheels can have taken it."""
     battery_v: float | None = None
 
 
@@ -142,6 +144,17 @@ FAILSAFES: tuple[Failsafe, ...] = (
         lambda s: s.conditions.motion_fault,
     ),
     Failsafe(
+        "pose_jumped",
+        "the robot's own body came back, or was put, where its wheels cannot have taken it",
+        "safety.motion_way_m / 2 or motion_turn_rad / 2, beyond 1.25 x what the wheels rolled",
+        "fault",
+        _NEXT,
+        "look at the robot, then release (`disarm`) and arm again",
+        "look whether the robot was moved, and whether its markers are taken for another body's",
+        lambda s: bool(s.conditions.jump),
+        lambda s: s.conditions.jump,
+    ),
+    Failsafe(
         "battery_critical",
         "battery voltage below the critical value",
         "safety.battery_critical_v",
@@ -186,7 +199,7 @@ FAILSAFES: tuple[Failsafe, ...] = (
     ),
     Failsafe(
         "pose_invalid",
-        "the bridge marks the robot's own pose invalid (occluded, jumped, swapped, flipped)",
+        "the bridge marks the robot's own pose invalid (occluded, jumping, swapped, flipped)",
         "mocap checks",
         "hold",
         _NEXT,

@@ -1,6 +1,6 @@
 """What a law's command passes on its way to the wheels: the fence, separation, what a robot cut off would do. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from contract.arena import Arena
 from onboard import unicycle
@@ -31,14 +31,16 @@ class Guard:
         rims_mps: tuple[float, float],
         sighted: Mapping[str, Sighted],
         heard: Mapping[str, Heard],
+        doubtful: Iterable[Neighbour] = (),
     ) -> tuple[float, float, str]:
         """Rim speeds, left and right, m/s, no faster than the decision's, and what bounds them.
 
         :param pose: own, dead-reckoned to now.
         :param rims_mps: measured.
+        :param doubtful: places where robots may be as well.
         """
         left, right, waits = decision
-        around = []
+        around = list(doubtful)
         for name, (x, y, vx, vy, age_s, _) in sighted.items():
             silence_s = heard[name][1] if name in heard else 0.0
             around.append(record(Neighbour, (x, y, vx, vy, age_s, silence_s)))

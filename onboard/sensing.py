@@ -6,7 +6,7 @@ farther away than r_c are not heard (the virtual radio), targets within r_c are 
 """
 
 import math
-from collections.abc import Container, Iterable
+from collections.abc import Collection, Container, Iterable
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -15,6 +15,8 @@ from contract.messages import BodyPose, MocapFrame, NeighbourState, TargetCloud
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Sighted
 from onboard.cloud import Cloud, cells_of
+from onboard.jump import GAP_NS, ROLL_FACTOR
+from onboard.limits import Neighbour
 from onboard.odometry import Pose
 
 VELOCITY_BASE_NS = 40_000_000
@@ -24,6 +26,8 @@ FORGET_NS = 3_000_000_000
 NEAR_M = 0.2
 """A robot that has moved farther than this in x or y looks through the whole cloud for targets again."""
 NOWHERE = (math.inf, math.inf)
+MOST_LEFT = 4
+"""Places of one robot that has jumped."""
 
 
 @dataclass(slots=True)
@@ -38,6 +42,7 @@ class Track:
     base_y_m: float
     vx_mps: float = 0.0
     vy_mps: float = 0.0
+    resets: int = 0
 
     def extend(self, stamp_ns: int, x_m: float, y_m: float) -> None:
         """Take a newer valid position."""
@@ -55,12 +60,18 @@ class Track:
 class Sensing:
     """Tracks of all bodies, newest messages of all robots; hands out only what is within range."""
 
-    def __init__(self, robot: str, sensing_radius_m: float, silence_s: float) -> None:
+    def __init__(
+        self, robot: str, sensing_radius_m: float, silence_s: float, speed_mps: float = 0.8, margin_m: float = 0.06
+    ) -> None:
+        """:param speed_mps: of the fastest robot; one that comes back farther away, and by that margin, has jumped."""
         self.robot = robot
+        self._speed_mps, self._margin_m = speed_mps, margin_m
         self._radius_m = sensing_radius_m
         self._silence_ns = int(silence_s * 1e9)
         self._own: tuple[Pose, int] | None = None
         self._others: dict[str, Track] = {}
+        self._left: dict[str, list[Track]] = {}
+        """Where robots were before they jumped."""
         self._heard: dict[str, tuple[NeighbourState, int]] = {}
         self._cloud = Cloud(())
         self._near: list[tuple[int, tuple[float, float]]] = []
@@ -91,10 +102,43 @@ class Sensing:
             elif not body.valid:
                 continue
             elif name in others:
-                others[name].extend(stamp_ns, body.x_m, body.y_m)
+                track = others[name]
+                if body.resets != track.resets or stamp_ns - track.stamp_ns > GAP_NS:
+                    track = self._come_back(track, body, stamp_ns)
+                track.extend(stamp_ns, body.x_m, body.y_m)
             else:
-                others[name] = Track(stamp_ns, body.x_m, body.y_m, stamp_ns, body.x_m, body.y_m)
+                others[name] = _track(body, stamp_ns)
         return mine
+
+    def _come_back(self, track: Track, body: BodyPose, stamp_ns: int) -> Track:
+        """The track to go on with; after a jump the old place is kept."""
+        gap_ns, track.resets = stamp_ns - track.stamp_ns, body.resets
+        step_m = math.hypot(body.x_m - track.x_m, body.y_m - track.y_m)
+        if step_m <= ROLL_FACTOR * self._speed_mps * gap_ns * 1e-9 + self._margin_m:
+            return track
+        if gap_ns <= FORGET_NS:
+            self._left[body.robot] = [*self._left.get(body.robot, ()), track][-MOST_LEFT:]
+        fresh = self._others[body.robot] = _track(body, stamp_ns)
+        return fresh
+
+    def doubtful(self, now_ns: int, excluded: Collection[str]) -> list[Neighbour]:
+        """Where robots were before they jumped: each may be there still, or be where it is seen.
+
+        Nothing on the floor can tell, so it ends with the robot's exclusion or with :meth:`settle`.
+        """
+        if not self._left:
+            return []
+        for name in excluded:
+            self._left.pop(name, None)
+        return [
+            Neighbour(left.x_m, left.y_m, left.vx_mps, left.vy_mps, (now_ns - left.stamp_ns) * 1e-9)
+            for places in self._left.values()
+            for left in places
+        ]
+
+    def settle(self) -> None:
+        """This robot was released: somebody has looked at the floor."""
+        self._left.clear()
 
     def own(self) -> tuple[Pose, int] | None:
         """Own last valid pose and its exposure time, site ns."""
@@ -181,6 +225,11 @@ class Sensing:
             if dx * dx + dy * dy <= square:
                 result[index] = place
         return result
+
+
+def _track(body: BodyPose, stamp_ns: int) -> Track:
+    x_m, y_m = body.x_m, body.y_m
+    return Track(stamp_ns, x_m, y_m, stamp_ns, x_m, y_m, resets=body.resets)
 
 
 def without_targets(state: NeighbourState) -> NeighbourState:

@@ -23,6 +23,7 @@ BY_NAME = {row.name: row for row in ROWS}
 SLICE = (
     "wheels: commands lost (roboclaw)",
     "motion capture: occlusion",
+    "motion capture: jump",
     "motion capture: duplicate",
     "station: STOP",
     "process: hung",

@@ -158,6 +158,49 @@ def test_an_invalid_own_pose_holds_and_clears_by_itself() -> None:
     assert stage.drives[-1].left_radps > 0
 
 
+def test_an_own_pose_that_comes_back_elsewhere_is_not_driven_on_until_it_has_been_released() -> None:
+    stage = Stage()
+    stage.start()
+    stage.run(3, valid=False)
+    stage.others["r01"] = (0.55, 0.5)
+    stage.run(2)
+    assert stage.agent.run_state == "running"
+    assert stage.drives[-1].left_radps > 0.0
+    stage.run(3, valid=False)
+    stage.others["r01"] = (0.8, 0.5)
+    before = len(stage.drives)
+    stage.run(20)
+    assert stage.agent.run_state == "fault"
+    assert all(drive.left_radps == 0.0 == drive.right_radps for drive in stage.drives[before:])
+    assert stage.agent.verdict is not None
+    assert stage.agent.verdict.failsafe == "pose_jumped"
+    assert "0.25 m away" in stage.agent.verdict.reason
+    stage.run(100)
+    stage.start()
+    assert stage.agent.run_state == "fault", "orders do not end it"
+    stage.give("disarm")
+    stage.run(5)
+    stage.start()
+    assert stage.agent.run_state == "running"
+
+
+def test_where_a_neighbour_was_before_it_jumped_is_kept_clear_until_this_robot_is_released() -> None:
+    stage = Stage({"r02": (0.75, 0.5)})
+    stage.start()
+    stage.others.clear()
+    stage.run(15)
+    stage.others["r02"] = (0.75, 0.9)
+    held = len(stage.drives)
+    stage.run(100)
+    radius_m, bounds = stage.arena.platform.wheel_radius_m, cut_bounds(stage.arena)
+    fastest_mps = max(max(drive[1:]) for drive in stage.drives[held:]) * radius_m
+    assert 0.0 < bounds.roll_m(0.0, fastest_mps) <= 0.25 - bounds.contact_m + 1e-3
+    stage.give("disarm")
+    stage.run(5)
+    stage.start()
+    assert max(max(drive[1:]) for drive in stage.drives[-20:]) * radius_m > fastest_mps
+
+
 def test_a_far_robot_changes_nothing() -> None:
     near, far = Stage({"r02": (3.5, 4.5)}), Stage({"r02": (2.6, 3.1)})
     for stage, place in ((near, (3.5, 4.5)), (far, (2.6, 3.1))):

@@ -229,6 +229,7 @@ ROWS = {
     "driver_silent": ({"feedback_stamp_ns": T0 - 251 * MS}, {"feedback_stamp_ns": T0 - 250 * MS}),
     "duplicate_id": ({"duplicate_id": True}, {"duplicate_id": False}),
     "motion_mismatch": ({"motion_fault": "wheels turn, body still"}, {"motion_fault": ""}),
+    "pose_jumped": ({"jump": "it came back 0.50 m away"}, {"jump": ""}),
     "battery_critical": ({"battery_v": 9.99}, {"battery_v": 11.0}),
     "outside_fence": ({"inside_fence": False}, {"inside_fence": True}),
     "pose_invalid": ({"pose_valid": False, "pose_reason": "occluded"}, {"pose_valid": True}),
@@ -745,7 +746,7 @@ def test_a_battery_at_its_threshold_is_not_below_it(volts: float, speaks: str) -
 def test_what_is_not_said_of_a_robot_is_nothing() -> None:
     names = ("pose_valid", "pose_reason", "pose_stamp_ns", "pose_arrival_ns", "frame_advancing", "feedback_stamp_ns")
     defaults = Conditions(**dict.fromkeys(names), driver_active=True)[len(names) + 1 :]
-    assert defaults == ("", "", 0.0, 0.0, 0, True, False, "", None)
+    assert defaults == ("", "", 0.0, 0.0, 0, True, False, "", "", None)
 
 
 def test_ages_are_seconds_exactly_and_infinite_for_never() -> None:
