@@ -80,7 +80,7 @@ class Agent:
         home = Home(*entry.start, entry.heading_rad)
         self.homing = Homing(robot, home, parameters, self._guard.bounds, self.pacing.period_s)
         self._going_home = False
-        self._odometry = Odometry(separation_m)
+        self._odometry = Odometry(separation_m, silence_s=safety.driver_silence_s)
         self._motion = MotionCheck(arena.safety, separation_m, slowest(arena))
         self._jump = JumpCheck(arena.safety, separation_m)
         self._pose = (False, "never seen")
@@ -267,6 +267,9 @@ class Agent:
         self._pose = (False, "not in the frame") if body is None else (body.valid, body.reason)
         self._motion.see(body, frame.exposure_ns)
         self._jump.see(body, frame.exposure_ns, self._driver_active)
+        own = self.sensing.own()
+        if own is not None and own[1] == frame.exposure_ns:
+            self._odometry.seen(*own)
         return self.pacing.frame(frame.session, frame.frame, frame.rate_hz)
 
     def _on_targets(self, cloud: TargetCloud) -> None:
@@ -322,6 +325,7 @@ class Agent:
         self._verdict = verdict
         if verdict.run == "disarmed":
             self.sensing.settle()
+        self.controller.vouch(verdict.run != "fault" and verdict.failsafe != "driver_silent")
         self._account.verdict(verdict, now_ns)
         return verdict
 

@@ -1,10 +1,24 @@
-"""Dead reckoning: own pose from its mid-exposure time to now, by measured wheel speeds."""
+"""Dead reckoning: own pose from its mid-exposure time to now, by measured wheel speeds.
+
+Wheels that have not been heard of for a while may do anything: what the body does counts as theirs then.
+"""
 
 import math
 from collections import deque
 from typing import NamedTuple
 
 from onboard.ahdc.parameters import record
+
+BASE_NS = 100_000_000
+"""Over this long, at least, a body's motion is counted; over less most of it is noise."""
+NEVER_NS = -(1 << 62)
+STALE_NS = 400_000_000
+"""Over more it says nothing of now."""
+STANDS_MPS = 0.05
+STANDS_RADPS = 0.3
+"""A body slower than both stands, as far as its poses tell."""
+MOST_MPS = 3.0
+"""No body is faster: it has jumped."""
 
 
 class Pose(NamedTuple):
@@ -34,8 +48,13 @@ def _arc(
 class Odometry:
     """A short history of rim speeds: linear between measurements, the last one holds."""
 
-    def __init__(self, wheel_separation_m: float, horizon_s: float = 0.5) -> None:
+    def __init__(self, wheel_separation_m: float, horizon_s: float = 0.5, silence_s: float = 0.25) -> None:
+        """:param silence_s: without feedback for longer, poses tell what the wheels do."""
         self._separation_m = wheel_separation_m
+        self._silence_ns = int(silence_s * 1e9)
+        self._heard_ns = NEVER_NS
+        """The newest feedback."""
+        self._base: tuple[Pose, int] | None = None
         self._horizon_ns = int(horizon_s * 1e9)
         self._history: deque[tuple[int, float, float]] = deque()
         self.rims = (0.0, 0.0)
@@ -43,6 +62,35 @@ class Odometry:
 
     def record(self, stamp_ns: int, left_mps: float, right_mps: float) -> None:
         """Add a measurement; one not newer than the last is ignored."""
+        if stamp_ns > self._heard_ns:
+            self._heard_ns = stamp_ns
+            self._add(stamp_ns, left_mps, right_mps)
+
+    def seen(self, pose: Pose, stamp_ns: int) -> None:
+        """Own valid pose: of use while the wheels are silent."""
+        if self._base is None:
+            self._base = (pose, stamp_ns)
+            return
+        before, since_ns = self._base
+        span_ns = stamp_ns - since_ns
+        if 0 <= span_ns < BASE_NS:
+            return
+        self._base = (pose, stamp_ns)
+        if stamp_ns - self._heard_ns <= self._silence_ns or not 0 < span_ns <= STALE_NS:
+            return
+        span_s = span_ns * 1e-9
+        turn_rad = math.remainder(pose.heading_rad - before.heading_rad, math.tau)
+        middle = before.heading_rad + turn_rad / 2
+        way_m = (pose.x_m - before.x_m) * math.cos(middle) + (pose.y_m - before.y_m) * math.sin(middle)
+        speed, turn = way_m / span_s, turn_rad / span_s
+        if abs(speed) > MOST_MPS:
+            return
+        if abs(speed) < STANDS_MPS and abs(turn) < STANDS_RADPS:
+            speed = turn = 0.0
+        half = turn * self._separation_m / 2
+        self._add(stamp_ns, speed - half, speed + half)
+
+    def _add(self, stamp_ns: int, left_mps: float, right_mps: float) -> None:
         history = self._history
         if history and stamp_ns <= history[-1][0]:
             return

@@ -88,6 +88,11 @@ class Controller:
         if self.field is not None and robots != self.field.excluded:
             self.field.exclude(robots - {self.robot})
 
+    def vouch(self, obeyed: bool) -> None:
+        """Whether its wheels do what they are told and its pose is its own: else no detour may lean on its links."""
+        if self.field is not None:
+            self.field.links.fit = obeyed
+
     @property
     def linked(self) -> Container[str]:
         """Robots that a link is kept with, seen or unseen."""
@@ -150,10 +155,11 @@ class Controller:
         self._seq += 1
         still = max(abs(left_mps), abs(right_mps), abs(left), abs(right)) < STILL_MPS
         claim = tasking.claim
+        fit = self.field is None or self.field.links.fit
         on: list[str] = []
         kept: list[str] = []
         for name, state in self.link_states().items():
-            (on if state == "on" else kept).append(name)
+            (on if state == "on" and fit else kept).append(name)
         return NeighbourState(
             robot=self.robot,
             boot=self.boot,

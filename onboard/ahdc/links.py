@@ -44,6 +44,8 @@ class LinkTable:
     entries: dict[str, Entry] = field(default_factory=dict)
     outbox: list[LinkMessage] = field(default_factory=list)
     removal: Removal | None = None
+    fit: bool = True
+    """This robot obeys its law: it keeps its links, so that others may lean on them."""
     boots: dict[str, int] = field(default_factory=dict)
     """The newest boot number noted of each other robot."""
     _counter: int = 0
@@ -66,9 +68,10 @@ class LinkTable:
         return isinstance(other, str) and self.enforces(other)
 
     def vouches(self, other: str) -> bool:
-        """Rule 1: others' detours may lean on this link. Never for a neighbour that has gone silent."""
+        """Rule 1: others' detours may lean on this link. Never for a neighbour that has gone silent, never of a robot
+        that is not where it is told to be."""
         entry = self.entries.get(other)
-        return entry is not None and entry.state is ON and other not in self._silent
+        return self.fit and entry is not None and entry.state is ON and other not in self._silent
 
     def enforced(self) -> list[str]:
         return [name for name, entry in self.entries.items() if entry.state is not OFF]

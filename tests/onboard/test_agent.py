@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from contract.arena import digest
+from contract.margins import cut_m
 from contract.messages import (
     SCHEMA_VERSION,
     BodyPose,
@@ -192,9 +193,11 @@ def test_where_a_neighbour_was_before_it_jumped_is_kept_clear_until_this_robot_i
     stage.others["r02"] = (0.75, 0.9)
     held = len(stage.drives)
     stage.run(100)
-    radius_m, bounds = stage.arena.platform.wheel_radius_m, cut_bounds(stage.arena)
+    platform, safety = stage.arena.platform, stage.arena.safety
+    radius_m = platform.wheel_radius_m
     fastest_mps = max(max(drive[1:]) for drive in stage.drives[held:]) * radius_m
-    assert 0.0 < bounds.roll_m(0.0, fastest_mps) <= 0.25 - bounds.contact_m + 1e-3
+    cut = cut_m(fastest_mps, safety.watchdog_s, platform.coast_deceleration_mps2)
+    assert 0.0 < cut <= 0.25 - platform.diameter_m + 0.05
     stage.give("disarm")
     stage.run(5)
     stage.start()
