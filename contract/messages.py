@@ -280,6 +280,10 @@ class NeighbourState(Message, frozen=True, kw_only=True):
     """Where it rests after this command for one period and then zero: the weakest brake."""
     stop_short: Point
     """The same with the strongest brake."""
+    rims_mps: tuple[Speed, Speed] | None = None
+    """Measured rim speeds, left and right."""
+    asked_mps: tuple[Speed, Speed] | None = None
+    """Rim speeds commanded: a robot that is cut off keeps them for a while."""
     moving: bool = True
     """False: wheels are held at zero and will not turn without a new state message."""
     mission: Name = ""

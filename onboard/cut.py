@@ -1,65 +1,40 @@
 """A robot cut off: its last command stands until the device watchdog lets go, then it coasts. Pure.
 
-Nothing commands such a robot, so the distance it still rolls must have been there before:
+Nothing commands such a robot, so the way it still rolls must have been clear before. From 0.8 m/s with 0.2 s and
+0.6 m/s^2 that is 0.71 m, where a brake takes 0.22 m.
 
-    C(v, c) = way under command c for T + u^2 / (2 k)
+One robot fails at a time; the others brake. So for two robots the way of either one cut off and the way on which the
+other brakes (:mod:`onboard.courses`, both as the arcs they are) must stay ``contact_m`` apart, whoever fails. Robots
+tell their neighbours what their wheels do and are told to do. Half way between two ways as they stand there is a line,
+the same for both robots, and a new command must leave each robot's own way on its side, half of ``contact_m`` off it.
+So whatever both choose at one time, the new ways stay apart, too; and to brake is always left.
 
-with ``T`` = ``safety.watchdog_s`` and the slack of one command, ``u`` the speed after T and ``k``
-``platform.coast_deceleration_mps2``. From 0.8 m/s with 0.2 s and 0.6 m/s^2 that is 0.71 m, where a brake takes 0.22 m.
-
-One robot fails at a time; the others brake. For two robots with gap ``g`` that needs, whoever fails,
-``C_i + S_j <= g`` and ``S_i + C_j <= g`` (``S``: braking, :mod:`onboard.limits`). As there, each robot uses at most
-half of what is left of either. A neighbour that has been silent for longer than T is taken to be coasting.
-
-The way of a cut robot is the straight lines from where it is, in the directions its command may still turn it to: what
-these lines miss is not in the way.
+Ways farther apart than that by ``WIDE_M`` are no concern: no braking way grows by so much before it is looked at again.
+A neighbour silent for longer than T is taken to coast from where it is seen, with the turn that it had or the one it
+was told to take; one that has never spoken, to go straight on.
 """
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
-from contract.arena import Arena
-from contract.margins import SLACK_S, contact_m
-from onboard.limits import REST_MPS, Bounds, Limited, Neighbour, bounds_of, respond, roll_m, stop_m
+from onboard.courses import Course, CutBounds, Way, brake_way, cut_bounds, cut_way, least, nearest
+from onboard.limits import REST_MPS, Limited, Neighbour, Told, stop_m
 
-HALVINGS = 8
+__all__ = ["CutBounds", "cut_bounds", "limit_cut"]
+
+TRIES = 4
+"""Shares of a command that are looked at, between none and all."""
 MAX_AGE_S = 0.5
+WIDE_M = 0.1
+AGED_MPS = 0.1
+"""Ways stay farther apart by this for each second since the other robot was heard: it has chosen anew."""
+ROUNDING_M = 1e-9
 
+Turns = tuple[tuple[float, float, float, float], ...]
+"""Rim speeds that another robot may have: measured left and right, asked left and right."""
 
-class CutBounds(NamedTuple):
-    """What the rule needs to know of the arena, once."""
-
-    brake: Bounds
-    standing_s: float
-    """T: the last command stands this long."""
-    coast_mps2: float
-    contact_m: float
-    """Centre distance at which two robots touch, and what the poses may be wrong by."""
-    beyond_fence_m: float
-    """Between the fence and the place where a robot's rim meets the edge of the floor."""
-
-    def coast_m(self, speed_mps: float) -> float:
-        return speed_mps * speed_mps / (2.0 * self.coast_mps2)
-
-    def roll_m(self, speed_mps: float, command_mps: float) -> float:
-        """C(v, c) of one rim, m; neither is negative."""
-        low, high = self.brake.deceleration_mps2
-        quick, slow = self.brake.lag_s
-        plant = (high, quick) if command_mps > speed_mps else (low, slow)
-        way_m, after_mps = respond(speed_mps, command_mps, self.standing_s, *plant)
-        return way_m + self.coast_m(after_mps)
-
-
-def cut_bounds(arena: Arena) -> CutBounds:
-    """The rule's constants of an arena file."""
-    return CutBounds(
-        brake=bounds_of(arena),
-        standing_s=arena.safety.watchdog_s + SLACK_S,
-        coast_mps2=arena.platform.coast_deceleration_mps2,
-        contact_m=contact_m(arena),
-        beyond_fence_m=max(0.0, arena.arena.fence_m - arena.platform.diameter_m / 2),
-    )
+Line = tuple[float, float, float, str]
+"""Direction x and y away from what is there, how far along it a way must begin, m, and what is there."""
 
 
 def limit_cut(
@@ -67,177 +42,189 @@ def limit_cut(
     omega_radps: float,
     pose: tuple[float, float, float],
     wheels_mps: tuple[float, float],
+    asked_mps: tuple[float, float],
     others: Sequence[Neighbour],
     bounds: CutBounds,
 ) -> Limited:
-    """The largest share of a velocity, curve kept, from which a cut robot reaches nobody and no edge.
+    """The largest share of a velocity, curve kept, with which a robot reaches nobody and no edge, whoever is cut off.
 
     :param pose: own x m, y m, heading rad, dead-reckoned to now.
     :param wheels_mps: measured rim speeds, left and right.
+    :param asked_mps: rim speeds commanded so far.
     """
     if v_mps == 0.0:
         return Limited(v_mps, omega_radps, "")
-    course = _Course(v_mps, omega_radps, wheels_mps, bounds)
-    x, y, heading_rad = pose
-    walls = _walls(x, y, course.most_m, bounds)
-    near = _near(x, y, course.most_m, others, bounds)
-    if not (walls or near):
+    half_m = bounds.brake.separation_m / 2 * omega_radps
+    ways = _Ways((*pose, *wheels_mps), (v_mps - half_m, v_mps + half_m), bounds)
+    if not ways.find_lines(asked_mps, others):
         return Limited(v_mps, omega_radps, "")
-    course.aim(heading_rad)
-    share, by = 1.0, ""
-    for room_m, braking, name in _rooms(course, walls, near):
-        if share > 0.0 and course.rolled_m(share, braking) > room_m:
-            share, by = course.share(room_m, braking), name
-    if not by:
+    whole_m, by = ways.room(1.0)
+    if whole_m >= 0.0:
         return Limited(v_mps, omega_radps, "")
+    share = _share(ways, whole_m)
     moving = max(abs(wheels_mps[0]), abs(wheels_mps[1])) > REST_MPS
     return Limited(share * v_mps, omega_radps * share if share > 0.0 or moving else omega_radps, by)
 
 
-class _Course:
-    """Where a robot that is cut right after this command may get to."""
-
-    def __init__(self, v_mps: float, omega_radps: float, wheels_mps: tuple[float, float], bounds: CutBounds) -> None:
-        half_m = bounds.brake.separation_m / 2
-        left, right = wheels_mps
-        left_to, right_to = v_mps - half_m * omega_radps, v_mps + half_m * omega_radps
-        self._turning = (left_to, right_to, right - left)
-        self._backwards = v_mps < 0.0
-        if self._backwards:
-            left, right, left_to, right_to = -left, -right, -left_to, -right_to
-        self.bounds = bounds
-        self._wheels = (
-            (left if left > 0.0 else 0.0, left_to if left_to > 0.0 else 0.0),
-            (right if right > 0.0 else 0.0, right_to if right_to > 0.0 else 0.0),
-        )
-        """Measured and asked rim speed along the way, left and right."""
-        self.most_m = self.rolled_m(1.0, False)
-
-    def aim(self, heading_rad: float) -> None:
-        """What is only needed with something near: directions, and the ways it is already committed to."""
-        bounds, (left_to, right_to, difference) = self.bounds, self._turning
-        weak_mps2, slow_s = bounds.brake.deceleration_mps2[0], bounds.brake.lag_s[1]
-        (left, _), (right, _) = self._wheels
-        self.heading_rad = heading_rad + math.pi if self._backwards else heading_rad
-        self.committed_m = (
-            left * bounds.standing_s + bounds.coast_m(left) + right * bounds.standing_s + bounds.coast_m(right)
-        ) / 2
-        self.braking_m = (stop_m(left, weak_mps2, slow_s) + stop_m(right, weak_mps2, slow_s)) / 2
-        separation_m = bounds.brake.separation_m
-        turn = _turn_rad(left_to, right_to, bounds) / 2
-        lasting = difference / separation_m * slow_s
-        self._left_rad = max(0.0, turn) + max(0.0, lasting)
-        self._right_rad = max(0.0, -turn) + max(0.0, -lasting)
-
-    def off_rad(self, away_x: float, away_y: float) -> float:
-        """Angle between that direction and the nearest one the robot may take."""
-        off = math.remainder(math.atan2(away_y, away_x) - self.heading_rad, math.tau)
-        off = off - self._left_rad if off >= 0.0 else -off - self._right_rad
-        return off if off > 0.0 else 0.0
-
-    def share(self, room_m: float, braking: bool) -> float:
-        """Largest f in [0, 1] such that f times the command, then cut or brake, rolls at most that far."""
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2
-            if self.rolled_m(middle, braking) <= room_m:
-                low = middle
-            else:
-                high = middle
-        return low
-
-    def rolled_m(self, share: float, braking: bool) -> float:
-        """Way after that share of the command, followed by a brake or a cut."""
-        (left, left_to), (right, right_to) = self._wheels
-        if braking:
-            brake = self.bounds.brake
-            return (roll_m(left, share * left_to, brake) + roll_m(right, share * right_to, brake)) / 2
-        roll = self.bounds.roll_m
-        return (roll(left, share * left_to) + roll(right, share * right_to)) / 2
+def _share(ways: "_Ways", whole_m: float) -> float:
+    """The largest share found that leaves the ways on their side; 0, the brake, where not even that does."""
+    low_m, _ = ways.room(0.0)
+    low, high = 0.0, 1.0
+    if low_m < 0.0:
+        return 0.0
+    for _ in range(TRIES):
+        share = low_m / (low_m - whole_m)
+        share = low + (high - low) * (0.1 if share < 0.1 else 0.9 if share > 0.9 else share)
+        room_m, _ = ways.room(share)
+        if room_m >= 0.0:
+            low, low_m = share, room_m
+        else:
+            high, whole_m = share, room_m
+    return low
 
 
-def _turn_rad(left_mps: float, right_mps: float, bounds: CutBounds) -> float:
-    """Angle turned to the left by these rim speeds: kept for T, then both wheels coast to rest."""
-    left_m = math.copysign(bounds.coast_m(left_mps), left_mps)
-    right_m = math.copysign(bounds.coast_m(right_mps), right_mps)
-    return ((right_mps - left_mps) * bounds.standing_s + right_m - left_m) / bounds.brake.separation_m
+class _Ways:
+    """The ways that a command leads to, cut off or braking after it, and the lines they may not cross."""
+
+    def __init__(self, course: Course, command_mps: tuple[float, float], bounds: CutBounds) -> None:
+        self._course = course
+        self._command = command_mps
+        self._bounds = bounds
+        self._cut = self._cut_after(*command_mps)
+        self._stop = self._stop_after(*command_mps)
+        self._cut_lines: list[Line] = []
+        self._stop_lines: list[Line] = []
+
+    def _cut_after(self, left_mps: float, right_mps: float) -> Way:
+        return cut_way(self._course, left_mps, right_mps, self._bounds.standing_s, self._bounds)
+
+    def _stop_after(self, left_mps: float, right_mps: float) -> Way:
+        brake = self._bounds.brake
+        return brake_way(self._course, left_mps, right_mps, brake.reaction_s, brake)
+
+    def find_lines(self, asked_mps: tuple[float, float], others: Sequence[Neighbour]) -> bool:
+        """Whether there are any."""
+        self._cut_lines = _walls(self._cut, self._bounds)
+        cut: Way = []
+        stop: Way = []
+        for other in others:
+            theirs = _Theirs(other, self._bounds)
+            if theirs.may_meet(self._cut, theirs.stop_m) and theirs.meets(self._cut, brakes := theirs.brakes()):
+                cut = cut or self._cut_after(*asked_mps)
+                self._cut_lines.append(_line(cut, brakes, theirs.apart_m))
+            if theirs.may_meet(self._stop, theirs.cut_m) and theirs.meets(self._stop, coming := theirs.cut_off()):
+                stop = stop or self._stop_after(*asked_mps)
+                self._stop_lines.append(_line(stop, coming, theirs.apart_m))
+        return bool(self._cut_lines or self._stop_lines)
+
+    def room(self, share: float) -> tuple[float, str]:
+        """How far that share of the command stays on this side of the lines, m (negative: beyond one), and of which."""
+        left_mps, right_mps = self._command
+        cut, stop = self._cut, self._stop
+        if share != 1.0:
+            cut = self._cut_after(share * left_mps, share * right_mps) if self._cut_lines else []
+            stop = self._stop_after(share * left_mps, share * right_mps) if self._stop_lines else []
+        room_m, by = math.inf, ""
+        for way, lines in ((cut, self._cut_lines), (stop, self._stop_lines)):
+            for away_x, away_y, begin_m, name in lines:
+                left_m = least(way, away_x, away_y) - begin_m + ROUNDING_M
+                if left_m < room_m:
+                    room_m, by = left_m, name
+        return room_m, by
 
 
-Wall = tuple[float, float, float]
-"""Direction x and y, and the gap to the edge of the floor, m."""
+class _Theirs:
+    """What another robot may do: brake, or be cut off."""
 
-Near = tuple[float, float, float, float, float, float, bool]
-"""Way to it x and y, m; distance m; its speed and how fast it comes nearer, m/s; age of its pose, s; it is silent."""
+    def __init__(self, other: Neighbour, bounds: CutBounds) -> None:
+        x, y, vx, vy, age_s, silence_s, told = other
+        if told is not None and silence_s <= bounds.standing_s:
+            (x, y, heading, left, right, *asked), age_s = told, silence_s
+            self.standing_s = bounds.standing_s + silence_s
+            turns: Turns = ((left, right, asked[0], asked[1]),)
+        else:
+            speed, heading = math.hypot(vx, vy), math.atan2(vy, vx)
+            age_s = age_s if 0.0 < age_s < MAX_AGE_S else MAX_AGE_S if age_s > 0.0 else 0.0
+            self.standing_s = age_s if silence_s > bounds.standing_s else bounds.standing_s + age_s
+            turns = _turns(speed, told)
+        self._turns = turns
+        self._x, self._y, self._heading = x, y, heading
+        self._reaction_s = bounds.brake.reaction_s + age_s
+        self._bounds = bounds
+        self.apart_m = bounds.contact_m + AGED_MPS * age_s
+        fastest = max(map(abs, turns[0]))
+        brake = bounds.brake
+        self.stop_m = fastest * self._reaction_s + stop_m(fastest, brake.deceleration_mps2[0], brake.lag_s[1])
+        """It gets no farther braking."""
+        self.cut_m = fastest * self.standing_s + bounds.coast_m(fastest)
+        """It gets no farther cut off."""
 
-Found = tuple[float, bool, str]
-"""How far this robot may roll, m, braking or else cut, and what is there."""
+    def _towards(self, way: Way) -> tuple[float, float]:
+        """From it to where a way begins."""
+        x, y = way[0]
+        x, y = x - self._x, y - self._y
+        distance_m = math.hypot(x, y)
+        return (x / distance_m, y / distance_m) if distance_m > 0.0 else (1.0, 0.0)
+
+    def may_meet(self, way: Way, most_m: float) -> bool:
+        """Whether something that rolls this far may come near to a way."""
+        x, y = self._towards(way)
+        gap_m = least(way, x, y) - (self._x * x + self._y * y)
+        return gap_m - most_m < self.apart_m + WIDE_M
+
+    def meets(self, mine: Way, theirs: Way) -> bool:
+        """Whether two ways come near to each other."""
+        x, y = self._towards(mine)
+        return least(mine, x, y) + least(theirs, -x, -y) < self.apart_m + WIDE_M
+
+    def brakes(self) -> Way:
+        way: Way = []
+        for left, right, left_to, right_to in self._turns:
+            course = (self._x, self._y, self._heading, left, right)
+            way += brake_way(course, left_to, right_to, self._reaction_s, self._bounds.brake)
+        return way
+
+    def cut_off(self) -> Way:
+        way: Way = []
+        for left, right, left_to, right_to in self._turns:
+            course = (self._x, self._y, self._heading, left, right)
+            way += cut_way(course, left_to, right_to, self.standing_s, self._bounds)
+        return way
 
 
-def _walls(x: float, y: float, most_m: float, bounds: CutBounds) -> list[Wall]:
-    """The sides of the floor within reach."""
+def _turns(speed_mps: float, told: Told | None) -> Turns:
+    """Rim speeds, measured and asked, that a robot seen at that speed may have: coasting keeps their difference."""
+    if told is None:
+        return ((speed_mps, speed_mps, speed_mps, speed_mps),)
+    found = []
+    for difference in (told.right_mps - told.left_mps, told.asked_right_mps - told.asked_left_mps):
+        half = min(speed_mps, max(-speed_mps, difference / 2))
+        found.append((speed_mps - half, speed_mps + half, speed_mps - half, speed_mps + half))
+    return tuple(found)
+
+
+def _walls(way: Way, bounds: CutBounds) -> list[Line]:
+    """The sides of the floor that a way comes to; a robot beyond one may not go farther."""
     low_x, low_y, high_x, high_y = bounds.brake.fence
-    reach_m = most_m - bounds.beyond_fence_m
-    if x - low_x >= reach_m and y - low_y >= reach_m and high_x - x >= reach_m and high_y - y >= reach_m:
-        return []
-    sides = ((-1.0, 0.0, x - low_x), (0.0, -1.0, y - low_y), (1.0, 0.0, high_x - x), (0.0, 1.0, high_y - y))
-    return [(away_x, away_y, gap_m + bounds.beyond_fence_m) for away_x, away_y, gap_m in sides if gap_m < reach_m]
+    beyond_m = bounds.beyond_fence_m
+    x, y = way[0]
+    lines: list[Line] = []
+    sides = ((1.0, 0.0, x, low_x), (0.0, 1.0, y, low_y), (-1.0, 0.0, -x, -high_x), (0.0, -1.0, -y, -high_y))
+    for away_x, away_y, at_m, side_m in sides:
+        begin_m = min(at_m, side_m - beyond_m)
+        if least(way, away_x, away_y) < begin_m:
+            lines.append((away_x, away_y, begin_m, "fence"))
+    return lines
 
 
-def _near(x: float, y: float, most_m: float, others: Sequence[Neighbour], bounds: CutBounds) -> list[Near]:
-    """The other robots that may be met."""
-    _, standing_s, coast_mps2, touching_m, _ = bounds
-    near: list[Near] = []
-    for other_x, other_y, vx, vy, age_s, silence_s in others:
-        away_x, away_y = other_x - x, other_y - y
-        distance_m = math.hypot(away_x, away_y)
-        speed = math.hypot(vx, vy)
-        if not age_s > 0.0:
-            age_s = 0.0
-        elif age_s > MAX_AGE_S:
-            age_s = MAX_AGE_S
-        silent = silence_s > standing_s
-        cut_m = speed * speed / (2.0 * coast_mps2) + (0.0 if silent else speed * standing_s)
-        if distance_m - touching_m - cut_m - speed * age_s < 2.0 * most_m:
-            closing = -(vx * away_x + vy * away_y) / distance_m if distance_m > 0.0 else speed
-            near.append((away_x, away_y, distance_m, speed, closing, age_s, silent))
-    return near
-
-
-def _rooms(course: _Course, walls: list[Wall], near: list[Near]) -> list[Found]:
-    """What is in the way."""
-    found: list[Found] = []
-    for away_x, away_y, gap_m in walls:
-        off = course.off_rad(away_x, away_y)
-        if off < math.pi / 2:
-            found.append((max(0.0, gap_m) / max(1e-9, math.cos(off)), False, "fence"))
-    for other in near:
-        off = course.off_rad(other[0], other[1])
-        if off < math.pi / 2:
-            _rooms_before(course, other, off, found)
-    return found
-
-
-def _rooms_before(course: _Course, other: Near, off_rad: float, found: list[Found]) -> None:
-    """Before one other robot: cut while it brakes, and braking while it is cut."""
-    bounds = course.bounds
-    (weak_mps2, strong_mps2), (quick_s, slow_s) = bounds.brake.deceleration_mps2, bounds.brake.lag_s
-    _, _, distance_m, speed, closing, age_s, silent = other
-    lateral_m, touching_m = distance_m * math.sin(off_rad), bounds.contact_m
-    touch_m = distance_m * math.cos(off_rad) - math.sqrt(max(0.0, touching_m * touching_m - lateral_m * lateral_m))
-    gap_m = touch_m - max(0.0, closing) * age_s
-    if not silent and lateral_m < touching_m + stop_m(speed, weak_mps2, slow_s) + speed * age_s:
-        stopping_m = stop_m(closing, weak_mps2, slow_s) if closing > 0.0 else -stop_m(-closing, strong_mps2, quick_s)
-        found.append((_share_m(gap_m - stopping_m, course.committed_m), False, "separation"))
-    if closing > REST_MPS:
-        miss_m = math.sqrt(max(0.0, speed * speed - closing * closing)) / speed * distance_m
-        if miss_m < touching_m + course.braking_m:
-            coming_m = bounds.coast_m(closing) + (0.0 if silent else closing * bounds.standing_s)
-            found.append((_share_m(gap_m - coming_m, course.braking_m), True, "separation"))
-
-
-def _share_m(left_m: float, committed_m: float) -> float:
-    """Half of what is left beyond the way already committed to; all that is left where that is less; never negative."""
-    share_m = (left_m + committed_m) / 2
-    if left_m < share_m:
-        share_m = left_m
-    return share_m if share_m > 0.0 else 0.0
+def _line(mine: Way, theirs: Way, apart_m: float) -> Line:
+    """Half way between two ways; where they are too near, this robot's way is the one that has to give way."""
+    found = nearest(mine, theirs)
+    if found is None:
+        return (1.0, 0.0, math.inf, "separation")
+    away_x, away_y, begins_m, ends_m = found
+    gap_m = begins_m - ends_m
+    if gap_m >= apart_m:
+        return (away_x, away_y, ends_m + (gap_m + apart_m) / 2, "separation")
+    at_m = mine[0][0] * away_x + mine[0][1] * away_y
+    return (away_x, away_y, min(at_m, ends_m + apart_m), "separation")

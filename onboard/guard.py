@@ -7,7 +7,7 @@ from onboard import unicycle
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Decision, Heard, Sighted
 from onboard.cut import cut_bounds, limit_cut
-from onboard.limits import Neighbour, bounds_of, inside_fence, limit
+from onboard.limits import Neighbour, Told, bounds_of, inside_fence, limit
 from onboard.odometry import Pose
 
 
@@ -19,6 +19,8 @@ class Guard:
         self._cut_bounds = cut_bounds(arena)
         self._separation_m = arena.platform.wheel_separation_m
         self._max_speed_mps = arena.control.max_speed_mps
+        self._asked = (0.0, 0.0)
+        """Rim speeds of the last command."""
 
     def inside_fence(self, pose: Pose) -> bool:
         """Whether a robot there is inside the fence, give or take what braking errors explain."""
@@ -42,10 +44,15 @@ class Guard:
         left, right, waits = decision
         around = list(doubtful)
         for name, (x, y, vx, vy, age_s, _) in sighted.items():
-            silence_s = heard[name][1] if name in heard else 0.0
-            around.append(record(Neighbour, (x, y, vx, vy, age_s, silence_s)))
+            silence_s, told = 0.0, None
+            if name in heard:
+                state, silence_s, _ = heard[name]
+                if state.rims_mps is not None and state.asked_mps is not None:
+                    place = (state.x_m, state.y_m, state.heading_rad)
+                    told = record(Told, (*place, *state.rims_mps, *state.asked_mps))
+            around.append(record(Neighbour, (x, y, vx, vy, age_s, silence_s, told)))
         speed, turn = unicycle.body(left, right, self._separation_m)
         speed, turn, limited_by = limit(speed, turn, pose, rims_mps, around, self.bounds)
-        speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, around, self._cut_bounds)
-        left, right = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
+        speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, self._asked, around, self._cut_bounds)
+        left, right = self._asked = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
         return left, right, cut_by or limited_by or waits

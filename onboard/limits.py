@@ -44,6 +44,20 @@ class Bounds(NamedTuple):
     reaction_s: float = REACTION_S
 
 
+class Told(NamedTuple):
+    """What another robot's newest message says of its motion, for the time it was sent."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    left_mps: float
+    """Measured rim speed."""
+    right_mps: float
+    asked_left_mps: float
+    """Rim speed commanded."""
+    asked_right_mps: float
+
+
 class Neighbour(NamedTuple):
     """Another robot as last seen."""
 
@@ -55,6 +69,8 @@ class Neighbour(NamedTuple):
     """Of the pose."""
     silence_s: float = 0.0
     """Age of its newest message; 0 where it has never spoken."""
+    told: Told | None = None
+    """That message."""
 
 
 class Limited(NamedTuple):
@@ -278,7 +294,7 @@ def _robots(
     (weak, strong), (_, slow) = bounds.deceleration_mps2, bounds.lag_s
     min_distance_m = bounds.min_distance_m
     near: list[Obstacle] = []
-    for other_x, other_y, vx, vy, age_s, _ in neighbours:
+    for other_x, other_y, vx, vy, age_s, _, _ in neighbours:
         away_x, away_y = other_x - x, other_y - y
         distance = math.hypot(away_x, away_y)
         closing = -(vx * away_x + vy * away_y) / distance if distance > 0 else math.hypot(vx, vy)

@@ -172,6 +172,8 @@ class Controller:
             vy_mps=metres(speed * math.sin(heading)),
             stop_long=(metres(long[0]), metres(long[1])),
             stop_short=(metres(short[0]), metres(short[1])),
+            rims_mps=(metres(left), metres(right)),
+            asked_mps=(metres(left_mps), metres(right_mps)),
             moving=not still,
             mission=self.mission,
             task="helping" if tasking.helping else tasking.task.value,
