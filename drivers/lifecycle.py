@@ -88,8 +88,11 @@ class Wheels:
         self._listener.driver_fault("", "", now_ns)
         return True
 
-    def drive(self, enable: bool, speeds: WheelSpeeds, now_ns: int) -> bool:
-        """Bring the driver to what is asked and write the speeds; True if a write went out."""
+    def drive(self, enable: bool, speeds: WheelSpeeds, now_ns: int, stamp_ns: int | None = None) -> bool:
+        """Bring the driver to what is asked and write the speeds; True if a write went out.
+
+        :param stamp_ns: when the speeds were computed, if earlier than ``now_ns``; the gate refuses old ones.
+        """
         if not self.ready or (not enable and not self.active):
             return False
         try:
@@ -102,7 +105,7 @@ class Wheels:
                 self.driver.activate(now_ns)
                 self._set_active(True, now_ns)
                 return False
-            self.driver.write(speeds, now_ns)
+            self.driver.write(speeds, now_ns, stamp_ns)
         except DriverError as error:
             self._fail(error, now_ns)
             return False

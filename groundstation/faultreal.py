@@ -93,7 +93,7 @@ def _rows() -> tuple[Row, ...]:
         Row("station", "killed", "STOP", _mute, 0.5 + TURN_S + 0.07),
         Row("station", "STOP", "STOP", _stop, 0.05),
         Row("process", "hung", "CUT", _signal(signal.SIGSTOP), cut_s),
-        Row("process", "hung for 0.6 s", "CUT", _pause, cut_s),
+        Row("process", "hung for 0.6 s", "CUT", _pause, cut_s, resumes=True),
         Row("process", "killed", "CUT", _signal(signal.SIGKILL), cut_s),
         Row("process", "killed and restarted", "CUT", _restart(""), cut_s, leaves="disarmed stopped"),
         Row("nothing", "no fault at all", "goes on", lambda stage, victim: None),
@@ -143,6 +143,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     before = stage.places[victim][-1]
     since_ns = time.monotonic_ns()
     row.inject(stage, victim)
+    injected_ns = time.monotonic_ns()
     split = False
     nearest_m = stage.nearest_m()
     deadline = time.monotonic() + WATCH_S
@@ -161,7 +162,8 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         seen = places[:1]
         places = [before._replace(stamp_ns=since_ns, speed_mps=0.0), *seen] if seen else []
     else:
-        places = [place for place in places if place.stamp_ns < until_ns]
+        end_ns = injected_ns if row.resumes else until_ns
+        places = [place for place in places if place.stamp_ns < end_ns]
     zero_s = None if row.blind else zero_after_s(samples, since_ns, first=row.resumes)
     outcome = Outcome(
         row=row.name,
@@ -181,8 +183,14 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
 
 
 def judged(row: Row, outcome: Outcome, stage: Stage) -> Outcome:
-    """The outcome with what is wrong with it."""
-    faults = [*judge(row, outcome, allowed_m(row, stage.arena) + AGREED_M), *_real(row, outcome, stage)]
+    """The outcome with what is wrong with it.
+
+    A robot that hung for a while goes on by itself once every cause of HOLD has gone, unless its driver has lost its
+    telemetry meanwhile, which one reply still waiting in the port decides. So its way is looked at until the process is
+    let go on, and bounded as that of one that hangs for good.
+    """
+    bound = row if row.blind else row._replace(resumes=False)
+    faults = [*judge(row, outcome, allowed_m(bound, stage.arena) + AGREED_M), *_real(row, outcome, stage)]
     return msgspec.structs.replace(outcome, faults=tuple(faults))
 
 

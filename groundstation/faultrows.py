@@ -27,6 +27,8 @@ AGE_S = 0.08
 """The oldest pose or message of the field conditions."""
 PAUSE_S = 0.5
 LATE_S = 0.3
+LOOK_S = 0.05
+"""A line that damages bytes is looked at this often, for as long as silence is borne (drivers/lifecycle.py)."""
 JUMP_M = 0.5
 TURN_S = 0.03
 """A tick (18 ms), a frame (10 ms) and the bus."""
@@ -46,7 +48,7 @@ class Row(NamedTuple):
     family: str = ""
     """Wheels of the victim; empty: either."""
     resumes: bool = False
-    """The robot may go on within the time looked at: the first zero counts, not the last."""
+    """The robot may go on within the time looked at: the first zero counts, not the last, and in lockstep no way."""
     blind: bool = False
     """What the motors decode cannot be heard meanwhile; the body's place before and after is judged alone.
 
@@ -223,9 +225,7 @@ def _rows() -> tuple[Row, ...]:
         ("encoders count backwards", "wrong", "FAULT", 1.3, (), ()),
         ("no bytes either way", "dropped", "CUT", driver_s + 0.1, (), ()),
         ("commands lost", "dropped", "CUT", cut_s + 0.2, ("commands",), ()),
-        ("telemetry lost", "dropped", "HOLD", driver_s + 0.1, ("telemetry",), ()),
         ("one bit in 8 bytes", "corrupted", "CUT", 0.6, (), ()),
-        ("telemetry corrupted", "corrupted", "HOLD", 0.6, ("telemetry",), ()),
         ("port unplugged", "unplugged", "CUT", cut_s + 0.2, (), ("driver_fault", "driver_lost", "driver_silent")),
         ("supply sags", "brown-out", "FAULT", 0.6, (), ()),
     )
@@ -278,11 +278,14 @@ def _rows() -> tuple[Row, ...]:
         Row("process", "a second one with the same id", "FAULT", _twin, AGE_S + TURN_S, ("duplicate_id",)),
     ]
     runaway = ("driver_fault", "motion_mismatch")
+    lost, corrupted = _line("dropped", "telemetry"), _line("corrupted", "telemetry")
     for family in ("odrive", "roboclaw"):
         rows += [
             Row("wheels", "encoders stand still", "named", _line("frozen"), None, runaway, family, leaves="fault"),
             Row("wheels", "port takes no bytes", "CUT", _line("jammed"), cut_s + 0.2, (), family),
-            Row("wheels", "bytes late by 0.3 s", "HOLD", _line("delayed", delay_s=LATE_S), 0.6, (), family),
+            Row("wheels", "bytes late by 0.3 s", "FAULT", _line("delayed", delay_s=LATE_S), 0.6, (), family),
+            Row("wheels", "telemetry lost", "HOLD", lost, driver_s + 0.1, (), family, leaves="fault"),
+            Row("wheels", "telemetry corrupted", "FAULT", corrupted, driver_s + LOOK_S, (), family),
             Row("wheels", "firmware hung", "named", _line("hung"), None, ("driver_silent", "driver_lost"), family),
         ]
     silent = ("pose_silent", "pose_stale", "station_silent", "station_lost")
@@ -300,7 +303,7 @@ def _rows() -> tuple[Row, ...]:
             "FAULT",
             _clock(10.0),
             TURN_S,
-            ("driver_fault", "station_lost"),
+            ("driver_fault", "driver_lost", "station_lost"),
             leaves="fault stopped",
         ),
         Row("clock", "robot's steps 1 s back", "HOLD", _clock(-1.0), AGE_S + TURN_S, ("pose_ahead",)),

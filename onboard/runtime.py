@@ -143,7 +143,7 @@ class Runtime:
             if due or urgent or now_ns - ran_ns >= TICK_NS:
                 drive = self._agent.step(now_ns) if due else self._agent.tick(now_ns)
                 ran_ns = now_ns
-                self._apply(drive, due)
+                self._apply(drive, due, now_ns)
                 housekeeping_ns = housekeeping_ns or now_ns + pause_ns
             if housekeeping_ns and now_ns >= housekeeping_ns:
                 housekeeping_ns = 0
@@ -177,9 +177,10 @@ class Runtime:
             return False
         return self._agent.receive(message, now_ns, payload)
 
-    def _apply(self, drive: Drive, stepped: bool) -> None:
+    def _apply(self, drive: Drive, stepped: bool, stamp_ns: int) -> None:
+        """``stamp_ns``: when this turn began; a process may have hung since."""
         speeds = WheelSpeeds(drive.left_radps, drive.right_radps)
-        wrote = self._wheels.drive(drive.enable, speeds, self._time.now_ns())
+        wrote = self._wheels.drive(drive.enable, speeds, self._time.now_ns(), stamp_ns)
         if stepped and wrote:
             self._agent.wrote(self._time.now_ns())
 

@@ -32,7 +32,7 @@ class Driver:
     def activate(self, now_ns: int) -> None:
         self._do("activate")
 
-    def write(self, speeds: WheelSpeeds, now_ns: int) -> None:
+    def write(self, speeds: WheelSpeeds, now_ns: int, stamp_ns: int | None = None) -> None:
         self._do("write", *speeds)
 
     def poll(self, now_ns: int) -> None:

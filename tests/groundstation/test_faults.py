@@ -1,6 +1,7 @@
 """A slice of the fault matrix: bytes the emulated motors decoded, and how far the bodies rolled."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -10,7 +11,7 @@ from contract.messages import MotorSample
 from groundstation.conditions import FIELD
 from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown, percentiles
-from groundstation.faultreal import REAL_ROWS
+from groundstation.faultreal import REAL_ROWS, judged
 from groundstation.faultrig import Place, rest_s, rolled_m, unreadable
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
 from groundstation.faults import play
@@ -109,6 +110,16 @@ def test_what_no_program_can_stop_must_be_named_and_collides_at_its_own_risk() -
     named = msgspec.structs.replace(GOOD, failsafe=("driver_silent",), zero_s=None, rest_s=None, collisions=1)
     assert not list(judge(row, named, float("inf")))
     assert list(judge(row, msgspec.structs.replace(named, failsafe=()), float("inf")))
+
+
+def test_a_robot_that_hung_may_go_on_but_not_farther_than_one_that_hangs_for_good() -> None:
+    row = next(row for row in REAL_ROWS if row.name == "process: hung for 0.6 s")
+    stage = SimpleNamespace(arena=arena_for(Job(3, 19, 1, "field", "field", 60.0)))
+    went_on = msgspec.structs.replace(GOOD, failsafe=(), zero_s=0.2, rest_s=None, rolled_m=0.7, state="running")
+    assert judged(row, went_on, stage).faults == ()
+    assert judged(row, msgspec.structs.replace(went_on, zero_s=0.4), stage).faults
+    assert judged(row, msgspec.structs.replace(went_on, zero_s=None), stage).faults
+    assert judged(row, msgspec.structs.replace(went_on, rolled_m=0.9), stage).faults
 
 
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
