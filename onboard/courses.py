@@ -16,9 +16,11 @@ from onboard.limits import Bounds, bounds_of, respond, stop_m
 CHORD_RAD = 0.6
 """A chord spans no more of an arc, but where that would take more than ``MOST_CHORDS``."""
 MOST_CHORDS = 4
-SAME_MPS = 0.02
+SAME_MPS = 0.04
 """Rim speeds nearer to what is asked of them than that get there alike with any drive."""
 STILL_MPS = 0.05
+GENTLE_MPS = 0.15
+"""A command with less difference of the rims, before and after, is one arc while it stands."""
 ROUNDS = 10
 """Of the search for the nearest points of two hulls; three or four are usual."""
 TOLERANCE = 2e-3
@@ -91,7 +93,21 @@ def _cut(
     x, y, heading, left, right = course
     coast, separation_m = bounds.coast_mps2, bounds.brake.separation_m
     at = (x, y, heading)
-    if standing_s > 0.0:
+    if abs(right - left) + abs(right_mps - left_mps) < GENTLE_MPS:
+        left_m, left = respond(left, left_mps, standing_s, *plant)
+        right_m, right = respond(right, right_mps, standing_s, *plant)
+        turn, chord_m, speed = (right_m - left_m) / separation_m, (left_m + right_m) / 2, (left + right) / 2
+        x, y = x + chord_m * math.cos(heading + turn / 2), y + chord_m * math.sin(heading + turn / 2)
+        way.append((x, y))
+        later = (right - left) * abs(speed) / (coast * separation_m)
+        heading += turn
+        if -CHORD_RAD < later < CHORD_RAD:
+            chord_m = speed * abs(speed) / (2.0 * coast)
+            heading += later / 3.0
+            way.append((x + chord_m * math.cos(heading), y + chord_m * math.sin(heading)))
+            return
+        at = (x, y, heading)
+    elif standing_s > 0.0:
         for _ in (0, 1):
             left_m, left = respond(left, left_mps, standing_s / 2, *plant)
             right_m, right = respond(right, right_mps, standing_s / 2, *plant)
@@ -106,6 +122,12 @@ def brake_way(course: Course, left_mps: float, right_mps: float, time_s: float, 
     way = [(x, y)]
     left_m, left = rim_after(left, left_mps, time_s, brake)
     right_m, right = rim_after(right, right_mps, time_s, brake)
+    if abs(right - left) + abs(right_mps - left_mps) < GENTLE_MPS and left * right >= 0.0:
+        speed = (left + right) / 2
+        chord_m = (left_m + right_m) / 2 + math.copysign(stop_m(abs(speed), weak, slow), speed)
+        heading += (right - left) / brake.separation_m * abs(chord_m / speed) * 0.4 if speed else 0.0
+        way.append((x + chord_m * math.cos(heading), y + chord_m * math.sin(heading)))
+        return way
     at = _roll(way, (x, y, heading), left_m, right_m, brake.separation_m)
     fastest = max(abs(left), abs(right))
     if fastest > STILL_MPS:

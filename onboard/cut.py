@@ -16,9 +16,11 @@ was told to take; one that has never spoken, to go straight on.
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
-from onboard.courses import Course, CutBounds, Way, brake_way, cut_bounds, cut_way, least, nearest
-from onboard.limits import REST_MPS, Limited, Neighbour, Told, stop_m
+from onboard.ahdc.parameters import record
+from onboard.courses import Course, CutBounds, Point, Way, brake_way, cut_bounds, cut_way, least, nearest
+from onboard.limits import REST_MPS, Bounds, Limited, Neighbour, Told, stop_m
 
 __all__ = ["CutBounds", "cut_bounds", "limit_cut"]
 
@@ -28,6 +30,12 @@ MAX_AGE_S = 0.5
 WIDE_M = 0.1
 AGED_MPS = 0.1
 """Ways stay farther apart by this for each second since the other robot was heard: it has chosen anew."""
+AGE_STEP_S = 0.03
+"""Ages of messages are rounded up to this, so that what is worked out of one serves for some steps."""
+STILL_MPS = 0.005
+"""A robot no faster than this is where it is."""
+PIVOT_M = 0.06
+"""At the end of its way a robot may turn about one wheel by as much."""
 ROUNDING_M = 1e-9
 
 Turns = tuple[tuple[float, float, float, float], ...]
@@ -107,8 +115,9 @@ class _Ways:
         self._cut_lines = _walls(self._cut, self._bounds)
         cut: Way = []
         stop: Way = []
+        here = self._course[:2]
         for other in others:
-            theirs = _Theirs(other, self._bounds)
+            theirs = _Theirs(other, here, self._bounds)
             if theirs.may_meet(self._cut, theirs.stop_m) and theirs.meets(self._cut, brakes := theirs.brakes()):
                 cut = cut or self._cut_after(*asked_mps)
                 self._cut_lines.append(_line(cut, brakes, theirs.apart_m))
@@ -133,63 +142,98 @@ class _Ways:
         return room_m, by
 
 
+@lru_cache(maxsize=256)
+def _braking(told: Told, reaction_s: float, brake: Bounds) -> Way:
+    x, y, heading, left, right, left_to, right_to = told
+    return brake_way((x, y, heading, left, right), left_to, right_to, reaction_s, brake)
+
+
+@lru_cache(maxsize=256)
+def _coasting(told: Told, standing_s: float, bounds: CutBounds) -> Way:
+    x, y, heading, left, right, left_to, right_to = told
+    return cut_way((x, y, heading, left, right), left_to, right_to, standing_s, bounds)
+
+
 class _Theirs:
     """What another robot may do: brake, or be cut off."""
 
-    def __init__(self, other: Neighbour, bounds: CutBounds) -> None:
+    def __init__(self, other: Neighbour, here: Point, bounds: CutBounds) -> None:
         x, y, vx, vy, age_s, silence_s, told = other
         if told is not None and silence_s <= bounds.standing_s:
-            (x, y, heading, left, right, *asked), age_s = told, silence_s
-            self.standing_s = bounds.standing_s + silence_s
-            turns: Turns = ((left, right, asked[0], asked[1]),)
+            x, y, heading, left, right, left_to, right_to = told
+            age_s = AGE_STEP_S * math.ceil(silence_s / AGE_STEP_S)
+            self.standing_s = bounds.standing_s + age_s
+            if age_s > 0.0:
+                left_to, right_to = _onward(left, left_to), _onward(right, right_to)
+            turns: Turns = ((left, right, left_to, right_to),)
         else:
             speed, heading = math.hypot(vx, vy), math.atan2(vy, vx)
             age_s = age_s if 0.0 < age_s < MAX_AGE_S else MAX_AGE_S if age_s > 0.0 else 0.0
             self.standing_s = age_s if silence_s > bounds.standing_s else bounds.standing_s + age_s
             turns = _turns(speed, told)
+            left, right, left_to, right_to = turns[0]
         self._turns = turns
         self._x, self._y, self._heading = x, y, heading
         self._reaction_s = bounds.brake.reaction_s + age_s
         self._bounds = bounds
         self.apart_m = bounds.contact_m + AGED_MPS * age_s
-        fastest = max(map(abs, turns[0]))
+        fastest = self._fastest = max(abs(left), abs(right), abs(left_to), abs(right_to))
         brake = bounds.brake
         self.stop_m = fastest * self._reaction_s + stop_m(fastest, brake.deceleration_mps2[0], brake.lag_s[1])
         """It gets no farther braking."""
         self.cut_m = fastest * self.standing_s + bounds.coast_m(fastest)
         """It gets no farther cut off."""
+        away_x, away_y = here[0] - x, here[1] - y
+        distance_m = math.hypot(away_x, away_y)
+        self._away = (away_x / distance_m, away_y / distance_m) if distance_m > 0.0 else (1.0, 0.0)
+        """Direction from it to this robot."""
+        self._ahead = self._most_ahead()
 
-    def _towards(self, way: Way) -> tuple[float, float]:
-        """From it to where a way begins."""
-        x, y = way[0]
-        x, y = x - self._x, y - self._y
-        distance_m = math.hypot(x, y)
-        return (x / distance_m, y / distance_m) if distance_m > 0.0 else (1.0, 0.0)
+    def _most_ahead(self) -> float:
+        """The greatest share of its way that can lead towards this robot."""
+        if len(self._turns) > 1:
+            return 1.0
+        left, right, left_to, right_to = self._turns[0]
+        now, then = left + right, left_to + right_to
+        if now * then < 0.0:
+            return 1.0
+        lasting_s = self.standing_s + self._fastest / self._bounds.coast_mps2
+        turn = max(abs(right - left), abs(right_to - left_to)) * lasting_s / self._bounds.brake.separation_m
+        off = math.atan2(self._away[1], self._away[0]) - self._heading
+        off = abs(math.remainder(off if now + then >= 0.0 else off + math.pi, math.tau)) - turn
+        return 1.0 if off <= 0.0 else math.cos(off) if off < math.pi / 2 else 0.0
 
     def may_meet(self, way: Way, most_m: float) -> bool:
         """Whether something that rolls this far may come near to a way."""
-        x, y = self._towards(way)
+        x, y = self._away
         gap_m = least(way, x, y) - (self._x * x + self._y * y)
-        return gap_m - most_m < self.apart_m + WIDE_M
+        return gap_m - self._ahead * most_m - PIVOT_M < self.apart_m + WIDE_M
 
     def meets(self, mine: Way, theirs: Way) -> bool:
         """Whether two ways come near to each other."""
-        x, y = self._towards(mine)
+        x, y = self._away
         return least(mine, x, y) + least(theirs, -x, -y) < self.apart_m + WIDE_M
 
     def brakes(self) -> Way:
-        way: Way = []
-        for left, right, left_to, right_to in self._turns:
-            course = (self._x, self._y, self._heading, left, right)
-            way += brake_way(course, left_to, right_to, self._reaction_s, self._bounds.brake)
+        way: Way = [(self._x, self._y)]
+        if self._fastest >= STILL_MPS:
+            for rims in self._turns:
+                told = record(Told, (self._x, self._y, self._heading, *rims))
+                way = way + _braking(told, self._reaction_s, self._bounds.brake)
         return way
 
     def cut_off(self) -> Way:
-        way: Way = []
-        for left, right, left_to, right_to in self._turns:
-            course = (self._x, self._y, self._heading, left, right)
-            way += cut_way(course, left_to, right_to, self.standing_s, self._bounds)
+        way: Way = [(self._x, self._y)]
+        if self._fastest >= STILL_MPS:
+            for rims in self._turns:
+                told = record(Told, (self._x, self._y, self._heading, *rims))
+                way = way + _coasting(told, self.standing_s, self._bounds)
         return way
+
+
+def _onward(speed_mps: float, command_mps: float) -> float:
+    """What a rim may be asked since: that it was to slow down some time ago does not say that it still is."""
+    return speed_mps if abs(command_mps) < abs(speed_mps) or speed_mps * command_mps < 0.0 else command_mps
 
 
 def _turns(speed_mps: float, told: Told | None) -> Turns:
