@@ -187,7 +187,8 @@ class _Theirs:
         distance_m = math.hypot(away_x, away_y)
         self._away = (away_x / distance_m, away_y / distance_m) if distance_m > 0.0 else (1.0, 0.0)
         """Direction from it to this robot."""
-        self._ahead = self._most_ahead()
+        self._at_m = x * self._away[0] + y * self._away[1]
+        self._ahead: float | None = None
 
     def _most_ahead(self) -> float:
         """The greatest share of its way that can lead towards this robot."""
@@ -205,9 +206,12 @@ class _Theirs:
 
     def may_meet(self, way: Way, most_m: float) -> bool:
         """Whether something that rolls this far may come near to a way."""
-        x, y = self._away
-        gap_m = least(way, x, y) - (self._x * x + self._y * y)
-        return gap_m - self._ahead * most_m - PIVOT_M < self.apart_m + WIDE_M
+        gap_m = least(way, *self._away) - self._at_m - self.apart_m - WIDE_M - PIVOT_M
+        if gap_m >= most_m:
+            return False
+        if self._ahead is None:
+            self._ahead = self._most_ahead()
+        return gap_m < self._ahead * most_m
 
     def meets(self, mine: Way, theirs: Way) -> bool:
         """Whether two ways come near to each other."""
