@@ -34,7 +34,8 @@ REAL = """
 
 The processes of the mock arena: bridge with router, emulated hardware, recorder, a process a robot. Written by the same
 command with `--real`. *Zero* counts from before the fault is asked for, up to 60 ms before emulated hardware has it.
-Every recording is read back; none may be unreadable.
+Every recording is read back; none may be unreadable. A robot that hung for a while may go on: its way is looked at
+until its process does.
 
 """
 TABLE = """| where | fault | action | zero allowed ms | zero p50/p99/max ms | rolled max m | allowed m | spoke | good |

@@ -19,6 +19,7 @@ from groundstation.faultwords import judge, zero_after_s
 from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
+from mocap_bridge.mock.script import Fault
 
 BY_NAME = {row.name: row for row in ROWS}
 SLICE = (
@@ -110,6 +111,24 @@ def test_what_no_program_can_stop_must_be_named_and_collides_at_its_own_risk() -
     named = msgspec.structs.replace(GOOD, failsafe=("driver_silent",), zero_s=None, rest_s=None, collisions=1)
     assert not list(judge(row, named, float("inf")))
     assert list(judge(row, msgspec.structs.replace(named, failsafe=()), float("inf")))
+
+
+def test_short_occlusions_and_a_restart_of_motion_capture_end_by_themselves() -> None:
+    arena = arena_for(Job(3, 19, 1, "field", "field", 60.0, wired=True))
+    world = World(arena, scenario(3, 19, 1), FIELD, 1, 60.0, wired=True)
+    world.until(0.8)
+    server = wire_of(world).server
+    start_s = server.elapsed_s(world.now_ns)
+    for robot, duration_s in zip(arena.robots.values(), (0.05, 0.3, 0.6), strict=True):
+        server.inject(Fault("occlusion", start_s, duration_s, robot.body))
+    server.inject(Fault("restart", start_s + 1.0, 0.4))
+    world.until(4.0)
+    for agent in world.agents.values():
+        frame = agent.reception.frame
+        assert frame is not None
+        assert [body.resets for body in frame.bodies] == [1, 1, 1]
+        assert agent.run_state == "running"
+        assert agent.sensing.doubtful(world.now_ns, ()) == []
 
 
 def test_a_robot_that_hung_may_go_on_but_not_farther_than_one_that_hangs_for_good() -> None:
