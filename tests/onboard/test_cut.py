@@ -10,7 +10,7 @@ from onboard.ahdc.stopping import Brake, rim_after
 from onboard.courses import cut_way
 from onboard.cut import limit_cut
 from onboard.limits import Neighbour, Told, limit
-from tests.onboard.cut_adversary import BOUNDS, BRAKE, DIAMETER_M, search
+from tests.onboard.cut_adversary import BOUNDS, BRAKE, DIAMETER_M, flight, search
 
 speeds = st.floats(-0.8, 0.8)
 places = st.tuples(st.floats(0, 4), st.floats(0, 5), st.floats(-math.pi, math.pi))
@@ -106,4 +106,15 @@ def test_a_silent_neighbour_is_expected_to_coast_not_to_brake() -> None:
 
 @pytest.mark.parametrize("oldest_s", [0.0, 0.08])
 def test_nobody_is_touched_when_one_of_two_or_three_robots_is_cut_off(oldest_s: float) -> None:
-    assert search(1, 20, oldest_s)[0][0] >= DIAMETER_M
+    assert search(1, 14, oldest_s)[0][0] >= DIAMETER_M
+
+
+@pytest.mark.parametrize("seed", [10084, 50587, 80002, 80069])
+def test_flights_that_once_ended_in_contact_do_not(seed: int) -> None:
+    least = flight(seed, 0.08)
+    assert least is not None
+    assert least >= DIAMETER_M
+
+
+def test_without_the_rule_robots_are_touched() -> None:
+    assert min(flight(seed, 0.08, ruled=False) or 1.0 for seed in (80002, 80069)) < DIAMETER_M - 0.02
