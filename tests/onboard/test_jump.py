@@ -71,6 +71,8 @@ def test_what_was_wrong_stays_until_the_motors_are_disabled() -> None:
     check = driven(0.0, 100, body(1.0))
     words = check.text
     check.see(body(1.0), 400 * MS, True)
+    check.see(body(1.0, valid=False), 410 * MS, True)
+    check.see(body(1.0), 420 * MS, True)
     assert check.text == words != ""
     check.forget()
     assert not check.text
@@ -90,11 +92,36 @@ def test_feedback_that_is_missing_counts_as_the_faster_of_its_ends_and_does_not_
     assert check.text
 
 
-def test_a_long_occlusion_keeps_no_more_than_it_needs() -> None:
-    check = driven(0.1, 20_000, body(2.0))
+def test_a_turn_while_feedback_is_missing_counts_too() -> None:
+    check = JumpCheck(SAFETY, SEPARATION_M)
+    check.feedback(0, -0.22, 0.22)
+    check.see(body(0.0), 0, True)
+    check.feedback(1000 * MS, 0.0, 0.0)
+    check.see(body(0.0, 2.0), 1000 * MS, True)
     assert not check.text
-    assert len(check._rolled) <= MOST_ENTRIES
+
+
+def test_what_the_wheels_rolled_between_a_pose_and_its_arrival_counts() -> None:
+    check = JumpCheck(SAFETY, SEPARATION_M)
+    for at_ms in range(0, 1001, 10):
+        check.feedback(at_ms * MS, 0.8, 0.8)
+    check.see(body(0.0), 900 * MS, True)
+    for at_ms in range(1010, 1200, 10):
+        check.feedback(at_ms * MS, 0.0, 0.0)
+    check.see(body(0.085, resets=1), 1200 * MS, True)
+    assert not check.text
+
+
+def test_a_long_occlusion_keeps_no_more_than_it_needs() -> None:
+    assert not driven(0.1, 20_000, body(2.0)).text
     assert driven(0.1, 20_000, body(2.7)).text
+    check = JumpCheck(SAFETY, SEPARATION_M)
+    check.see(body(0.0), 0, True)
+    for at_ms in range(2000):
+        check.feedback(at_ms * MS, 0.1, 0.1)
+        assert len(check._rolled) <= MOST_ENTRIES
+    check.see(body(0.3, resets=1), 2000 * MS, True)
+    assert not check.text, "the first entry is the last to go"
 
 
 @given(st.lists(st.tuples(SPEED, SPEED), min_size=1, max_size=30), st.integers(0, 25))
