@@ -12,7 +12,7 @@ import msgspec
 from groundstation import rig
 from groundstation.faultkept import Kept
 from groundstation.faultrig import LATE_S, TRIES, Stage, StageError, rest_s, rolled_m, unreadable
-from groundstation.faultrows import AGE_S, TURN_S, Action, Outcome, Row, allowed_m
+from groundstation.faultrows import AGE_S, SHOWN_BY_TURNING, TURN_S, Action, Outcome, Row, allowed_m
 from groundstation.faultwords import judge, zero_after_s
 from groundstation.link import Link
 
@@ -72,7 +72,17 @@ def _full(process: str) -> Inject:
 def _rows() -> tuple[Row, ...]:
     cut_s, silence_s = 0.2 + 0.12, 0.15 + AGE_S + TURN_S
     rows = [
-        Row("wheels", what, action, _line(kind), zero_s + TOLD_S, (), family, leaves=LEAVES.get(action, ""))
+        Row(
+            "wheels",
+            what,
+            action,
+            _line(kind),
+            zero_s + TOLD_S,
+            (),
+            family,
+            leaves=LEAVES.get(action, ""),
+            turning=kind in SHOWN_BY_TURNING,
+        )
         for what, kind, action, zero_s in _BUS
         for family in ("odrive", "roboclaw")
     ]
@@ -164,7 +174,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     else:
         end_ns = injected_ns if row.resumes else until_ns
         places = [place for place in places if place.stamp_ns < end_ns]
-    zero_s = None if row.blind else zero_after_s(samples, since_ns, first=row.resumes)
+    zero_s = None if row.blind else zero_after_s(samples, since_ns, row.resumes, row.turning)
     outcome = Outcome(
         row=row.name,
         seed=seed,

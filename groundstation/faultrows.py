@@ -32,6 +32,8 @@ LOOK_S = 0.05
 JUMP_M = 0.5
 TURN_S = 0.03
 """A tick (18 ms), a frame (10 ms) and the bus."""
+SHOWN_BY_TURNING = ("off", "stuck", "wrong")
+"""Kinds of faults that resting wheels do not have."""
 SEEN_AGAIN_S = 0.3
 """A robot may have poses again, and go on, so long before the station has: either tries four times a second."""
 
@@ -55,6 +57,8 @@ class Row(NamedTuple):
     If it resumes as well, it may be on its way again when it is first seen: then only how far it came counts."""
     leaves: str = ""
     """Run states at the end, one of them; empty: as the action says."""
+    turning: bool = False
+    """Only wheels that are told to turn can show it: the time that a robot rests, on a target, does not count."""
 
     @property
     def ends(self) -> tuple[str, ...]:
@@ -230,7 +234,7 @@ def _rows() -> tuple[Row, ...]:
         ("supply sags", "brown-out", "FAULT", 0.6, (), ()),
     )
     rows = [
-        Row("wheels", what, action, _line(kind, *directions), zero_s, speaks, family)
+        Row("wheels", what, action, _line(kind, *directions), zero_s, speaks, family, turning=kind in SHOWN_BY_TURNING)
         for what, kind, action, zero_s, directions, speaks in bus
         for family in ("odrive", "roboclaw")
     ]

@@ -56,7 +56,7 @@ def play(row: Row, seed: int) -> Outcome:
     fault_ns = world.now_ns
     row.inject(world, victim)
     watched = _watch(world, victim, at_s)
-    zero_s = zero_after_s(wire.emulated.samples(victim), fault_ns, first=row.resumes)
+    zero_s = zero_after_s(wire.emulated.samples(victim), fault_ns, row.resumes, row.turning)
     outcome = Outcome(
         row=row.name,
         seed=seed,

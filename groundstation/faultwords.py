@@ -6,8 +6,13 @@ from contract.messages import MotorSample
 from groundstation.faultrows import Outcome, Row
 
 
-def zero_after_s(samples: Iterable[MotorSample], fault_ns: int, first: bool = False) -> float | None:
-    """From the fault to the last, or the first, stretch of zeros or released motors; None: there is none such."""
+def zero_after_s(
+    samples: Iterable[MotorSample], fault_ns: int, first: bool = False, turning: bool = False
+) -> float | None:
+    """From the fault to the last, or the first, stretch of zeros or released motors; None: there is none such.
+
+    :param turning: leave out the stretches of zeros before the last one.
+    """
     began = None
     for sample in samples:
         if sample.stamp_ns < fault_ns:
@@ -15,6 +20,8 @@ def zero_after_s(samples: Iterable[MotorSample], fault_ns: int, first: bool = Fa
         if sample.released or not sample.enabled or (sample.left_radps == 0.0 == sample.right_radps):
             began = sample.stamp_ns if began is None else began
         elif not first:
+            if turning and began is not None:
+                fault_ns += sample.stamp_ns - began
             began = None
     return None if began is None else round((began - fault_ns) * 1e-9, 4)
 

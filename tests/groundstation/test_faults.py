@@ -193,6 +193,21 @@ def test_zero_begins_where_no_motion_follows() -> None:
     assert zero_after_s([sample(1, 0.0), sample(700_000_000, 0.0)], 500_000_000) == 0.2
 
 
+def test_a_fault_that_only_turning_wheels_show_has_no_deadline_while_they_rest() -> None:
+    speeds = {1: 1.0, 3: 0.0, 8: 0.0, 9: 1.0, 12: 0.0, 13: 1.0, 14: 0.0}
+    samples = [sample(tenths * 10**8, speed) for tenths, speed in speeds.items()]
+    assert zero_after_s(samples, 10**8) == 1.3
+    assert zero_after_s(samples, 10**8, turning=True) == 0.6, "0.3 to 0.9 and 1.2 to 1.3 s it rested"
+    assert zero_after_s(samples[:3], 10**8, turning=True) == 0.2
+    assert zero_after_s(samples[:4], 10**8, turning=True) is None
+    assert {row.name for row in ROWS if row.turning} == {
+        f"wheels: {what} ({family})"
+        for what in ("supply of the motors cut", "wheels jammed", "encoders count backwards")
+        for family in ("odrive", "roboclaw")
+    }
+    assert {row.name for row in REAL_ROWS if row.turning} == {row.name for row in ROWS if row.turning}
+
+
 def test_a_body_s_way_and_rest_are_read_from_where_it_really_was() -> None:
     places = [Place(10**8 * k, 0.1 * k, 0.0, 0.5 if k < 3 else 0.001) for k in range(6)]
     assert rolled_m(places) == pytest.approx(0.5)
