@@ -64,10 +64,13 @@ class ClaimBook:
     def claims(
         self, heard: Mapping[str, Heard], sighted: Mapping[str, Sighted], now_s: float, target: int | None = None
     ) -> list[Claim]:
-        """Claims, or those on one target: of neighbours from where they are seen, of robots farther off as told."""
+        """Claims, or those on one target: of neighbours from where they are seen, of robots farther off as told.
+
+        One that has fallen silent claims nothing any more.
+        """
         near = []
-        for name, (state, _, _) in heard.items():
-            if state.claim >= 0 and state.claim_at is not None and target in (None, state.claim):
+        for name, (state, _, silent) in heard.items():
+            if not silent and state.claim >= 0 and state.claim_at is not None and target in (None, state.claim):
                 seen = sighted.get(name)
                 place = (seen.x_m, seen.y_m) if seen else (state.x_m, state.y_m)
                 near.append(Claim(name, state.claim, self._way_m(place, state)))

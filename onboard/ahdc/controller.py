@@ -59,6 +59,8 @@ class Controller:
         self._rims = rims
         self.mission = ""
         self._goal: Goal | None = None
+        self._out = False
+        """The operator has taken this robot itself out of the network."""
         self._seq = 0
         self._last_sighting = -1
         self._open: dict[int, Vector] = {}
@@ -85,7 +87,8 @@ class Controller:
 
     def exclude(self, robots: frozenset[str]) -> None:
         """Robots that are no part of the network any more, by the operator's order."""
-        if self.field is not None and robots != self.field.excluded:
+        self._out = self.robot in robots
+        if self.field is not None and robots - {self.robot} != self.field.excluded:
             self.field.exclude(robots - {self.robot})
 
     def vouch(self, obeyed: bool) -> None:
@@ -102,7 +105,11 @@ class Controller:
         """Algorithm 1, line 1: the goal from algorithm 2; in the ``field`` profile also the links."""
         if self.field is not None:
             self.field.keep_links(view)
-        self._goal = self.tasking.update(view)
+        if self._out:
+            self.tasking.leave()
+            self._goal = None
+        else:
+            self._goal = self.tasking.update(view)
 
     def act(self, view: View) -> Decision:
         """Algorithm 1, lines 2-12: rim speeds towards the goal by the profile's law, or stop."""

@@ -101,6 +101,13 @@ class Tasking:
         self._advance(view, own)
         return self._goal(view, own)
 
+    def leave(self) -> None:
+        """Out of the network: claim no target, lead and call nobody; what is occupied stays known."""
+        self.task, self.target, self.next_target = Task.FREE, None, None
+        self.assist.stop_tracking()
+        self.assist.heard = None
+        self.hops, self.indicator, self.helping = NO_HOPS, False, False
+
     def _learn(self, view: View) -> None:
         memory, too_far, learned = self.memory, min(self._parameters.robots, NO_HOPS), self._learned
         memory.see_all(view.targets)

@@ -5,6 +5,8 @@ import pytest
 from contract.arena import parse
 from contract.messages import Target, TargetCloud
 from groundstation.exclusion import trouble
+from groundstation.targets import pointing
+from onboard.agent import Drive
 from onboard.ahdc.links import Link
 from onboard.odometry import Pose
 from tests.groundstation.virtual import Virtual
@@ -13,14 +15,18 @@ PLACES = ((0.4, 0.5), (1.0, 0.5), (1.6, 0.5), (2.2, 0.5))
 """A row: r02 and r03 are each the only way between the others, but for r_c = 1 m."""
 
 
-def swarm_of(*places: tuple[float, float]) -> Virtual:
+CLOUD = ((0.5, 1.6), (1.1, 1.6), (1.7, 1.6))
+
+
+def swarm_of(*places: tuple[float, float], cloud: tuple[tuple[float, float], ...] = CLOUD) -> Virtual:
     robots = {
         f"r{i + 1:02d}": {"body": f"b{i}", "start": place, "wheels": {"kind": "odrive"}}
         for i, place in enumerate(places)
     }
     arena = parse({"arena": {"name": "out", "size_m": [4.0, 3.0]}, "robots": robots}, "test")
-    targets = tuple(Target(index=k, x_m=x, y_m=1.6) for k, x in enumerate((0.5, 1.1, 1.7)))
-    swarm = Virtual(arena, TargetCloud(mission="lab", targets=targets), [Pose(*place, 1.57) for place in places])
+    targets = tuple(Target(index=k, x_m=x, y_m=y) for k, (x, y) in enumerate(cloud))
+    told = TargetCloud(mission="lab", start_direction_rad=pointing(places, cloud), targets=targets)
+    swarm = Virtual(arena, told, [Pose(*place, 1.57) for place in places])
     swarm.phase("ready", 2.0)
     return swarm
 
@@ -50,6 +56,31 @@ def test_an_excluded_robot_stands_still_and_the_others_complete_the_mission() ->
     assert swarm.pose("r04")[:2] == pytest.approx(rest[:2], abs=0.05)
     assert link(swarm, "r03", "r04") is Link.OFF
     assert swarm.session.status(swarm.now_ns).excluded == ("r04",)
+
+
+@pytest.mark.parametrize("mute", [False, True], ids=["tells", "hangs"])
+@pytest.mark.parametrize(
+    "cloud",
+    [
+        ((2.7, 0.5), (3.1, 0.5), (3.5, 0.5)),
+        ((2.0, 0.5), (1.9, 0.9), (2.6, 0.9)),
+        ((2.2, 0.72), (2.42, 0.5), (2.2, 0.28)),
+    ],
+    ids=["beyond it", "before it", "beside it"],
+)
+def test_targets_near_an_excluded_robot_are_not_left_to_it(
+    cloud: tuple[tuple[float, float], ...], mute: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """r04 stands in the way, and tracked one of them as it was taken out."""
+    swarm = started(swarm_of(*PLACES, cloud=cloud))
+    swarm.until(lambda: any(getattr(m, "robot", "") == "r04" and getattr(m, "claim", -1) >= 0 for m in swarm.said), 0.5)
+    if mute:
+        monkeypatch.setattr(swarm.agents["r04"], "outbox", lambda _: [])
+        monkeypatch.setattr(swarm.agents["r04"], "step", lambda _: Drive(True, 0.0, 0.0))
+        monkeypatch.setattr(swarm.agents["r04"], "tick", lambda _: Drive(True, 0.0, 0.0))
+    swarm.order("exclude", ("r04",))
+    swarm.phase("completed", 15.0)
+    assert swarm.least_m > swarm.arena.platform.diameter_m
 
 
 def test_the_pieces_left_behind_are_named() -> None:

@@ -80,3 +80,11 @@ def test_what_is_passed_on_is_bounded_never_own_and_never_too_far(words: list[tu
     assert len(passed) <= CLAIMS_A_MESSAGE
     assert all(told.robot != "r05" and told.hops <= CLAIM_HOPS for told in passed)
     assert [told.hops for told in passed] == sorted(told.hops for told in passed)
+
+
+def test_a_robot_that_has_fallen_silent_claims_nothing_though_it_is_in_sight() -> None:
+    book = ClaimBook("r09", SPEED_MPS)
+    told = state("r01", 1, claim=7, left_m=0.1)
+    here = {"r01": Sighted(0.0, 0.0, 0.0, 0.0, 0.01, 0.0)}
+    assert book.claims({"r01": Heard(told, 0.02, False)}, here, 0.1) == [Claim("r01", 7, 0.1)]
+    assert book.claims({"r01": Heard(told, 0.9, True)}, here, 0.9) == []
