@@ -12,6 +12,7 @@ what the wheels say.
     body moves across its heading               heading offset wrong, or wrong body
     body moves backwards                        heading inverted; where it turns backwards as well, both wheels
     body turns the other way                    wheels swapped
+    body and wheels part in between             one of these since a moment ago
 
 A wheel told to go back and forth turns little, however much is asked of it. So what is asked is what every wheel no
 slower than the slowest calibrated one would have rolled under these commands: see :mod:`onboard.expected`.
@@ -37,7 +38,9 @@ CARRIED_FACTOR = 1.5
 PIVOT_M = 0.03
 """A body's origin may be this far from the middle of the axle: turning then moves it across."""
 
-Kind = Literal["", "lifted", "stuck", "wrong body", "sideways", "inverted heading", "inverted wheels", "swapped wheels"]
+Kind = Literal[
+    "", "lifted", "stuck", "wrong body", "sideways", "inverted heading", "inverted wheels", "swapped wheels", "parted"
+]
 
 TEXT: dict[Kind, str] = {
     "": "",
@@ -48,6 +51,7 @@ TEXT: dict[Kind, str] = {
     "inverted heading": "body moves backwards: heading inverted, or wrong body",
     "inverted wheels": "body moves and turns backwards: both wheels inverted, or wrong body",
     "swapped wheels": "body turns the other way: wheels swapped, or wrong body",
+    "parted": "body and wheels have parted: an encoder or a wheel has failed on the way, or wrong body",
 }
 
 
@@ -159,7 +163,7 @@ class MotionCheck:
         while len(self._samples) > 2 and self._samples[1].wheels.stamp_ns <= stamp_ns - self._window_ns:
             self._samples.popleft()
         if stamp_ns - self._samples[0].wheels.stamp_ns >= self._window_ns:
-            self.kind = judge(self._samples[0], new, self._safety)
+            self.kind = judge(self._samples[0], new, self._safety, self._separation_m)
 
     def _at(self, stamp_ns: int) -> Ways | None:
         """The integrals at that time; None where no feedback tells."""
@@ -194,7 +198,7 @@ class MotionCheck:
         return record(Ways, ways)
 
 
-def judge(first: Sample, last: Sample, safety: Safety) -> Kind:
+def judge(first: Sample, last: Sample, safety: Safety, separation_m: float) -> Kind:
     """What the difference of two samples says."""
     pairs = zip(first.wheels[1:], last.wheels[1:], strict=True)
     wheels = Ways(last.wheels.stamp_ns - first.wheels.stamp_ns, *(b - a for a, b in pairs))
@@ -222,4 +226,11 @@ def judge(first: Sample, last: Sample, safety: Safety) -> Kind:
             return "sideways"
         if ahead < agree * abs(way):
             return "lifted"
-    return "swapped wheels" if turns_back else ""
+    if turns_back:
+        return "swapped wheels"
+    rolled_m = (wheels.left_m + wheels.right_m) / 2
+    rolled_rad = (wheels.left_m + wheels.right_m) / separation_m
+    apart_m = safety.motion_share * rolled_m + PIVOT_M * abs(turn)
+    parted = rolled_m >= safety.motion_way_m and abs(forward - way) > apart_m
+    spun = rolled_rad >= safety.motion_turn_rad and abs(turned - turn) > safety.motion_share * rolled_rad
+    return "parted" if parted or spun else ""
