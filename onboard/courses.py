@@ -108,11 +108,25 @@ def _cut(
             return
         at = (x, y, heading)
     elif standing_s > 0.0:
-        for _ in (0, 1):
-            left_m, left = respond(left, left_mps, standing_s / 2, *plant)
-            right_m, right = respond(right, right_mps, standing_s / 2, *plant)
-            at = _roll(way, at, left_m, right_m, separation_m)
+        half_s = standing_s / 2
+        left_m, left_later_m, left = _halves(left, left_mps, half_s, plant)
+        right_m, right_later_m, right = _halves(right, right_mps, half_s, plant)
+        at = _roll(way, at, left_m, right_m, separation_m)
+        at = _roll(way, at, left_later_m, right_later_m, separation_m)
     _slow(way, at, left, right, coast, separation_m)
+
+
+def _halves(speed_mps: float, command_mps: float, half_s: float, plant: tuple[float, float]) -> tuple[float, ...]:
+    """Ways, m, of one rim in two equal times, and its speed after them."""
+    deceleration, lag_s = plant
+    error, knee = speed_mps - command_mps, deceleration * lag_s
+    if -knee <= error <= knee and lag_s > 0.0:
+        decay, asked_m = math.exp(-half_s / lag_s), command_mps * half_s
+        caught_m, error_later = lag_s * (1 - decay), error * decay
+        return asked_m + error * caught_m, asked_m + error_later * caught_m, command_mps + error_later * decay
+    first_m, speed_mps = respond(speed_mps, command_mps, half_s, deceleration, lag_s)
+    later_m, speed_mps = respond(speed_mps, command_mps, half_s, deceleration, lag_s)
+    return first_m, later_m, speed_mps
 
 
 def brake_way(course: Course, left_mps: float, right_mps: float, time_s: float, brake: Bounds) -> Way:
@@ -203,9 +217,8 @@ def nearest(mine: Way, theirs: Way) -> tuple[float, float, float, float] | None:
 
     :return: its x and y, how far along it mine begins and theirs ends, m; None where the hulls meet.
     """
-    (x, y), (other_x, other_y) = mine[0], theirs[0]
-    x, y = x - other_x, y - other_y
-    corners: list[Point] = [(x, y)]
+    x, y = last_x, last_y = mine[0][0] - theirs[0][0], mine[0][1] - theirs[0][1]
+    kept: Point | None = None
     for _ in range(ROUNDS):
         square = x * x + y * y
         if square < MEETING_M2:
@@ -221,11 +234,17 @@ def nearest(mine: Way, theirs: Way) -> tuple[float, float, float, float] | None:
                 ends, last = along, point
         if square - (begins - ends) <= TOLERANCE * square:
             return _scaled(x, y, begins, ends)
-        corner = (first[0] - last[0], first[1] - last[1])
-        if len(corners) == 2 and _holds_origin(corners[0], corners[1], corner):
-            return None
-        (x, y), kept = min((_towards(corner, other) for other in corners), key=_square)
-        corners = [kept, corner]
+        corner_x, corner_y = first[0] - last[0], first[1] - last[1]
+        x, y = _towards(corner_x, corner_y, last_x, last_y)
+        if kept is not None:
+            if _holds_origin(kept, (last_x, last_y), (corner_x, corner_y)):
+                return None
+            other_x, other_y = _towards(corner_x, corner_y, *kept)
+            if other_x * other_x + other_y * other_y <= x * x + y * y:
+                x, y = other_x, other_y
+                last_x, last_y = kept
+        kept = (last_x, last_y)
+        last_x, last_y = corner_x, corner_y
     return _scaled(x, y, least(mine, x, y), -least(theirs, -x, -y))
 
 
@@ -234,17 +253,16 @@ def _scaled(x: float, y: float, begins: float, ends: float) -> tuple[float, floa
     return x / length, y / length, begins / length, ends / length
 
 
-def _towards(corner: Point, other: Point) -> tuple[Point, Point]:
-    """The point between two that is nearest to the origin, and the second one."""
-    edge_x, edge_y = corner[0] - other[0], corner[1] - other[1]
+def _towards(corner_x: float, corner_y: float, other_x: float, other_y: float) -> Point:
+    """The point between two that is nearest to the origin."""
+    edge_x, edge_y = corner_x - other_x, corner_y - other_y
     square = edge_x * edge_x + edge_y * edge_y
-    share = -(other[0] * edge_x + other[1] * edge_y) / square if square > 0.0 else 0.0
-    share = 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
-    return (other[0] + share * edge_x, other[1] + share * edge_y), other
-
-
-def _square(found: tuple[Point, Point]) -> float:
-    return found[0][0] ** 2 + found[0][1] ** 2
+    share = -(other_x * edge_x + other_y * edge_y) / square if square > 0.0 else 0.0
+    if share <= 0.0:
+        return other_x, other_y
+    if share >= 1.0:
+        return other_x + edge_x, other_y + edge_y
+    return other_x + share * edge_x, other_y + share * edge_y
 
 
 def _holds_origin(a: Point, b: Point, c: Point) -> bool:

@@ -15,7 +15,7 @@ was told to take; one that has never spoken, to go straight on.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from onboard.ahdc.parameters import record
@@ -118,10 +118,10 @@ class _Ways:
         here = self._course[:2]
         for other in others:
             theirs = _Theirs(other, here, self._bounds)
-            if theirs.may_meet(self._cut, theirs.stop_m) and theirs.meets(self._cut, brakes := theirs.brakes()):
+            if theirs.may_meet(self._cut, theirs.stop_m) and theirs.meets(brakes := theirs.brakes()):
                 cut = cut or self._cut_after(*asked_mps)
                 self._cut_lines.append(_line(cut, brakes, theirs.apart_m))
-            if theirs.may_meet(self._stop, theirs.cut_m) and theirs.meets(self._stop, coming := theirs.cut_off()):
+            if theirs.may_meet(self._stop, theirs.cut_m) and theirs.meets(coming := theirs.cut_off()):
                 stop = stop or self._stop_after(*asked_mps)
                 self._stop_lines.append(_line(stop, coming, theirs.apart_m))
         return bool(self._cut_lines or self._stop_lines)
@@ -188,6 +188,7 @@ class _Theirs:
         self._away = (away_x / distance_m, away_y / distance_m) if distance_m > 0.0 else (1.0, 0.0)
         """Direction from it to this robot."""
         self._at_m = x * self._away[0] + y * self._away[1]
+        self._begins_m = 0.0
         self._ahead: float | None = None
 
     def _most_ahead(self) -> float:
@@ -206,33 +207,31 @@ class _Theirs:
 
     def may_meet(self, way: Way, most_m: float) -> bool:
         """Whether something that rolls this far may come near to a way."""
-        gap_m = least(way, *self._away) - self._at_m - self.apart_m - WIDE_M - PIVOT_M
+        self._begins_m = least(way, *self._away)
+        gap_m = self._begins_m - self._at_m - self.apart_m - WIDE_M - PIVOT_M
         if gap_m >= most_m:
             return False
         if self._ahead is None:
             self._ahead = self._most_ahead()
         return gap_m < self._ahead * most_m
 
-    def meets(self, mine: Way, theirs: Way) -> bool:
-        """Whether two ways come near to each other."""
+    def meets(self, theirs: Way) -> bool:
+        """Whether a way of it comes near to the one that it was asked of last whether it may."""
         x, y = self._away
-        return least(mine, x, y) + least(theirs, -x, -y) < self.apart_m + WIDE_M
+        return self._begins_m + least(theirs, -x, -y) < self.apart_m + WIDE_M
 
     def brakes(self) -> Way:
-        way: Way = [(self._x, self._y)]
-        if self._fastest >= STILL_MPS:
-            for rims in self._turns:
-                told = record(Told, (self._x, self._y, self._heading, *rims))
-                way = way + _braking(told, self._reaction_s, self._bounds.brake)
-        return way
+        return self._ways(lambda told: _braking(told, self._reaction_s, self._bounds.brake))
 
     def cut_off(self) -> Way:
-        way: Way = [(self._x, self._y)]
-        if self._fastest >= STILL_MPS:
-            for rims in self._turns:
-                told = record(Told, (self._x, self._y, self._heading, *rims))
-                way = way + _coasting(told, self.standing_s, self._bounds)
-        return way
+        return self._ways(lambda told: _coasting(told, self.standing_s, self._bounds))
+
+    def _ways(self, way_of: Callable[[Told], Way]) -> Way:
+        """All ways that may be, as one."""
+        here = (self._x, self._y)
+        if self._fastest < STILL_MPS:
+            return [here]
+        return [point for rims in self._turns for point in way_of(record(Told, (*here, self._heading, *rims)))]
 
 
 def _onward(speed_mps: float, command_mps: float) -> float:
@@ -255,6 +254,14 @@ def _walls(way: Way, bounds: CutBounds) -> list[Line]:
     """The sides of the floor that a way comes to; a robot beyond one may not go farther."""
     low_x, low_y, high_x, high_y = bounds.brake.fence
     beyond_m = bounds.beyond_fence_m
+    xs, ys = zip(*way, strict=True)
+    if (
+        min(xs) >= low_x - beyond_m
+        and min(ys) >= low_y - beyond_m
+        and max(xs) <= high_x + beyond_m
+        and max(ys) <= high_y + beyond_m
+    ):
+        return []
     x, y = way[0]
     lines: list[Line] = []
     sides = ((1.0, 0.0, x, low_x), (0.0, 1.0, y, low_y), (-1.0, 0.0, -x, -high_x), (0.0, -1.0, -y, -high_y))
