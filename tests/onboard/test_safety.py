@@ -354,7 +354,9 @@ def test_station_silence_holds_then_stops() -> None:
     assert bench.assess().run == "stopped"
 
 
-@pytest.mark.parametrize("change", [{"arena_hash": "000000000000"}, {"arena_hash": ""}, {"schema_version": 99}])
+@pytest.mark.parametrize(
+    "change", [{"arena_hash": "000000000000"}, {"arena_hash": "~" * 12}, {"arena_hash": ""}, {"schema_version": 99}]
+)
 def test_a_station_with_another_file_or_schema_is_refused(change: dict[str, object]) -> None:
     bench = Bench()
     bench.order("arm", **change)
@@ -365,6 +367,17 @@ def test_a_station_with_another_file_or_schema_is_refused(change: dict[str, obje
     bench.beat("run", **change)
     assert bench.assess().failsafe == "station_mismatch"
     assert bench.supervisor.state == "fault"
+
+
+@pytest.mark.parametrize("side", ["left_mps", "right_mps"])
+@pytest.mark.parametrize(
+    ("speed_mps", "rests"),
+    [(0.0, True), (0.019, True), (-0.019, True), (0.02, False), (-0.02, False), (0.5, False), (-0.5, False)],
+)
+def test_a_robot_rests_while_both_wheels_are_slower_than_2_cm_a_second(
+    side: str, speed_mps: float, rests: bool
+) -> None:
+    assert Bench().assess(**{side: speed_mps}).at_rest is rests
 
 
 @pytest.mark.parametrize("order", ["stop", "disarm"])
