@@ -107,14 +107,9 @@ def test_a_tenth_of_all_frames_lost_and_intruders_besides_stop_no_mission(fleet:
     for message in told(folder):
         if isinstance(message, RobotReport):
             reports[message.robot].append(message)
-    refused = {
-        (name, counter)
-        for name, mine in reports.items()
-        for counter in ("heartbeat replayed", "frame not newer")
-        if mine[-1].counters.get(counter, 0) > mine[0].counters.get(counter, 0)
-    }
-    assert {name for name, _ in refused} == set(site.arena.robots), "the mission may end before all has come to a robot"
-    assert {counter for _, counter in refused} == {"heartbeat replayed", "frame not newer"}
+    for name, mine in reports.items():
+        for counter in ("heartbeat replayed", "frame not newer"):
+            assert mine[-1].counters.get(counter, 0) > mine[0].counters.get(counter, 0), (name, counter)
 
 
 def test_nothing_that_a_fleet_leaves_behind_holds_a_secret(fleet: Fleet) -> None:
