@@ -180,7 +180,7 @@ def _released() -> dict[str, Any]:
 def _progress(state: "PageState", stop: dict[str, Any] | None) -> dict[str, Any]:
     total = len(state.cloud.targets) if state.cloud else 0
     done = len(state.status.occupied) if state.status else 0
-    begun = state.status is not None and state.status.elapsed_s > 0
+    begun = done > 0 or (state.status is not None and state.status.elapsed_s > 0)
     sub = "mission on hold" if stop is not None and begun else ""
     if not begun:
         return {"label": "Targets", "big": str(total), "of": "placed", "done": 0, "total": 0, "sub": _stray(state)}
@@ -219,6 +219,8 @@ def _checks(state: "PageState", graph: Network, now_ns: int) -> list[tuple[str, 
     reach = state.arena.control.sensing_radius_m
     for target, gap in state.board.strays[:2]:
         checks.append(("stray", f"T{target + 1:02d} out of reach: {gap:.2f} m of {reach:.2f} m. Move it or Delete"))
+    if state.cloud is not None and 0 < len(state.cloud.targets) == len(status.occupied):
+        checks.append(("caution", "All targets are done. Repeat them (N) or place others"))
     if state.cloud is None or not state.cloud.targets:
         checks.append(("caution", "No targets. Click to place, drag for a cloud"))
     return sorted(checks, key=lambda check: check[0] == "ok")

@@ -21,35 +21,49 @@ class Tally:
         """0 before the start."""
         self.ended_ns = 0
         self._occupied: list[int] = []
+        self._told: dict[str, int] = {}
+        """Robot -> what it last told of this mission's targets, bit k for target k."""
         self._missions: dict[str, str] = {}
         """Robot -> the mission whose targets it knows."""
 
     def hear(self, state: NeighbourState) -> None:
         """What a robot says of the mission; of another mission it says nothing of this one."""
         self._missions[state.robot] = state.mission
+        before = self._told.pop(state.robot, None)
         if state.mission != self.cloud.mission:
             return
         try:
-            bits = int(state.occupied or "0", 16)
+            bits = self._told[state.robot] = int(state.occupied or "0", 16)
         except ValueError:
             return
+        if bits != before:
+            self._count()
+
+    def _count(self) -> None:
+        """Before the start, what the robots say now; after it, also what they have said."""
+        bits = 0
+        for told in self._told.values():
+            bits |= told
+        if not self.started_ns:
+            self._occupied = [k for k in self._occupied if bits >> k & 1]
         for target in self.cloud.targets:
             if bits >> target.index & 1 and target.index not in self._occupied:
                 self._occupied.append(target.index)
 
     def begin_anew(self) -> None:
-        """Nothing is occupied, and nobody has started."""
-        self._occupied.clear()
+        """Nobody has started; occupied is what the robots say."""
         self.started_ns = self.ended_ns = 0
+        self._count()
 
     def repeat(self) -> None:
-        """The same targets as a mission of the next name."""
-        self.cloud = replace(self.cloud, mission=next_mission(self.cloud.mission))
+        """The same targets as a mission of the next name, none of them occupied."""
+        self.replace(replace(self.cloud, mission=next_mission(self.cloud.mission)))
 
     def replace(self, cloud: TargetCloud) -> None:
         """Other targets; the end of the mission before stays told."""
         self.cloud = cloud
         self._occupied.clear()
+        self._told.clear()
         self.started_ns = 0
 
     def late(self, crew: tuple[str, ...]) -> list[str]:

@@ -390,6 +390,21 @@ def test_repeat_and_home_are_offered_when_there_is_something_to_repeat_and_someb
     assert offered("ready", ()) == set()
 
 
+def test_targets_that_are_all_done_are_told_before_a_start_would_end_at_once(arena: Arena) -> None:
+    now = 10**12
+    state = filled(arena, now, run="disarmed")
+
+    def told(occupied: tuple[int, ...]) -> tuple[str, bool]:
+        state.receive(RunStatus(stamp_ns=now, phase="ready", occupied=occupied), now)
+        view = state.view(now)
+        words = [check[1] for check in view["checks"]]
+        return f"{view['progress']['big']} {view['progress']['of']}", any("All targets are done" in w for w in words)
+
+    assert told(()) == ("19 placed", False)
+    assert told((0, 3)) == ("2 of 19", False)
+    assert told(tuple(range(19))) == ("19 of 19", True)
+
+
 def test_a_dropped_robot_is_no_part_of_the_network_and_no_alarm(arena: Arena) -> None:
     state = PageState(arena, 0)
     names = list(arena.robots)

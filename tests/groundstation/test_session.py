@@ -107,6 +107,27 @@ def test_a_mission_from_waiting_to_completed() -> None:
     assert status.min_distance_m == pytest.approx(0.8)
 
 
+def test_what_the_robots_say_is_occupied_stays_so_when_they_are_disarmed() -> None:
+    swarm = Swarm()
+    swarm.turn(5)
+    swarm.occupy("81")
+    swarm.session.order("disarm", swarm.now)
+    assert swarm.session.occupied == (0, 7), "at once, not when they next say so"
+    assert swarm.session.elapsed_s(swarm.now) == 0.0
+    swarm.occupy("80")
+    assert swarm.session.occupied == (7,), "a robot that has begun anew has forgotten the others"
+    swarm.session.order("repeat", swarm.now)
+    assert swarm.session.occupied == ()
+
+
+def test_nothing_said_after_the_start_takes_an_occupied_target_back() -> None:
+    swarm = Swarm()
+    swarm.turn(6)
+    swarm.occupy("81")
+    swarm.occupy("2")
+    assert swarm.session.occupied == (0, 7, 1)
+
+
 def test_occupied_bits_that_are_no_targets_or_no_bitmap_do_not_count() -> None:
     swarm = Swarm()
     swarm.turn(5)

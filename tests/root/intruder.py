@@ -142,6 +142,8 @@ def main() -> None:
         print(json.dumps({"opened": True, "heard": sorted(set(heard)), "seconds": seconds}), flush=True)
         while "last" in attempt and not select.select([sys.stdin], [], [], 0.1)[0]:
             session.put(attempt["last"], b"last", congestion_control=zenoh.CongestionControl.DROP)
+            for key in attempt.get("again", []):
+                session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
     return None
 
 

@@ -255,6 +255,7 @@ def test_home_by_a_long_press_then_the_same_targets_again(page: Page, arena: Are
     shoot(page, "b-homing")
     wait_run(page, "DISARMED")
     expect(page.locator("[data-action=Home]")).to_have_count(0, timeout=PATIENCE_MS)
+    expect(page.locator("#progress-of")).to_have_text("of 6")
     page.keyboard.press("n")
     expect(page.locator("#progress-of")).to_have_text("placed", timeout=PATIENCE_MS)
     arm_and_start(page)

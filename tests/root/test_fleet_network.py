@@ -91,7 +91,7 @@ def test_a_tenth_of_all_frames_lost_and_intruders_besides_stop_no_mission(fleet:
         fleet.attack("mocap", "r08", put=[keys.log("r08")], bytes=2000, times=10_000, last=keys.log("r08")),
         fleet.attack("mocap", "r08", put=[keys.state("r08")], bytes=STATE_BYTES + 1, times=500, last=keys.log("r08")),
         *(
-            fleet.attack("mocap", who, put=[key], hex=encode(said).hex(), times=100, last=lasts[who])
+            fleet.attack("mocap", who, put=[key], again=[key], hex=encode(said).hex(), times=100, last=lasts[who])
             for who, (key, said) in replays.items()
         ),
     ]
