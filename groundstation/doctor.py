@@ -16,6 +16,7 @@ from groundstation.current import arena_of
 from groundstation.failsafes import Facts
 from groundstation.link import Link, LinkError
 from groundstation.preflight import Fleet, preflight
+from groundstation.targets import SURE_SHARE, CloudError, cloud_of, on_the_way
 
 LISTEN_S = 1.5
 """The bridge tells its health once a second."""
@@ -100,6 +101,21 @@ def lines(results: list[CheckResult]) -> list[str]:
     return found
 
 
+def pointed(arena: Arena) -> CheckResult:
+    """Whether the swarm comes upon a target where the arena file points it: it does not search."""
+    try:
+        cloud = cloud_of(arena, arena.arena.name)
+    except CloudError as error:
+        return CheckResult(name="targets", verdict="fail", seen=str(error)[:400], remedy="fewer, or a larger floor")
+    points, way_rad = [(target.x_m, target.y_m) for target in cloud.targets], cloud.start_direction_rad
+    starts = [robot.start for robot in arena.robots.values()]
+    if on_the_way(starts, points, way_rad, SURE_SHARE * arena.control.sensing_radius_m):
+        return CheckResult(name="targets", verdict="pass", seen=f"{len(points)}, the first in sight on the way out")
+    seen = f"the way out, {way_rad:.2f} rad, passes all {len(points)} out of sight, and the swarm does not search"
+    remedy = "leave targets.start_direction_rad out, or point it at a target; close gaps between targets"
+    return CheckResult(name="targets", verdict="warn", seen=seen, remedy=remedy)
+
+
 def certificates(arena: Arena, now: datetime) -> list[CheckResult]:
     """Checks of the certificates; none where the link has no keys."""
     if not arena.link.keys:
@@ -132,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
     except LinkError as error:
         remedy = "start the router" if arena.link.keys else "start the mocap bridge"
         results = [CheckResult(name="router", verdict="fail", seen=str(error)[:400], remedy=remedy)]
-    results += certificates(arena, datetime.now(UTC))
+    results += [pointed(arena), *certificates(arena, datetime.now(UTC))]
     if args.json:
         print(msgspec.json.format(msgspec.json.encode(results)).decode())
     else:

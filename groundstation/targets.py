@@ -18,6 +18,8 @@ START_CORNER_M = (0.35, 0.35)
 GRID_M = 0.4
 JITTER_M = 0.03
 POINTING_ERROR_RAD = 0.1
+SURE_SHARE = 0.8
+"""Of the sensing radius: robots do not drive into the start direction in straight lines."""
 MAX_DRAWS = 200_000
 
 
@@ -96,6 +98,18 @@ def pointing(starts: Sequence[Point], targets: Sequence[Point]) -> float:
         sum(p[1] for p in targets) / len(targets) - sum(p[1] for p in starts) / len(starts),
         sum(p[0] for p in targets) / len(targets) - sum(p[0] for p in starts) / len(starts),
     )
+
+
+def on_the_way(starts: Sequence[Point], targets: Sequence[Point], direction_rad: float, reach_m: float) -> bool:
+    """Whether a robot that sets out from a start in that direction comes within reach of a target, sooner or later."""
+    ahead_x, ahead_y = math.cos(direction_rad), math.sin(direction_rad)
+    for start in starts:
+        for target in targets:
+            x, y = target[0] - start[0], target[1] - start[1]
+            ahead, aside = x * ahead_x + y * ahead_y, y * ahead_x - x * ahead_y
+            if math.hypot(min(ahead, 0.0), aside) <= reach_m:
+                return True
+    return False
 
 
 def cloud_of(arena: Arena, mission: str) -> TargetCloud:

@@ -3,10 +3,12 @@
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
+from contract.arena import Targets
 from contract.checks import CheckResult, worst
 from contract.messages import SCHEMA_VERSION, LoopTiming, MocapHealth, RobotReport
-from groundstation.doctor import Ear, lines
+from groundstation.doctor import Ear, lines, pointed
 from groundstation.failsafes import Facts
 from groundstation.preflight import Fleet, preflight
 from tests.groundstation.test_session import ARENA, HASH, MS, NAMES, Swarm
@@ -100,6 +102,26 @@ def test_the_table_says_verdict_subject_and_remedy() -> None:
     assert said.endswith("1 warn, 1 fail")
     assert worst(results) == "fail"
     assert all(isinstance(check, CheckResult) for check in results)
+
+
+@pytest.mark.parametrize(
+    ("wish", "verdict", "words"),
+    [
+        (Targets(points=((3.0, 1.0), (3.5, 1.0))), "pass", "2, the first in sight"),
+        (Targets(points=((3.0, 1.0),), start_direction_rad=1.57), "warn", "1.57 rad, passes all 1 out of sight"),
+        (Targets(), "pass", "19, the first in sight"),
+    ],
+)
+def test_a_swarm_pointed_past_its_targets_is_warned_of(wish: Targets, verdict: str, words: str) -> None:
+    check = pointed(replace(ARENA, targets=wish))
+    assert check.verdict == verdict
+    assert words in check.seen
+    assert bool(check.remedy) == (verdict != "pass")
+
+
+def test_a_cloud_for_which_there_is_no_room_fails() -> None:
+    small = replace(ARENA, arena=replace(ARENA.arena, size_m=(1.0, 1.0)))
+    assert pointed(small).verdict == "fail"
 
 
 def test_the_ear_hears_what_the_checks_need() -> None:

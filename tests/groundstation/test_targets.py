@@ -69,6 +69,30 @@ def test_swarm_is_pointed_at_the_cloud(seed: int) -> None:
     assert abs(math.remainder(error, math.tau)) <= 0.1 + 1e-9
 
 
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_a_seeded_cloud_is_on_the_way_out(seed: int) -> None:
+    place = scenario(6, 19, seed)
+    assert targets.on_the_way(place.starts, place.targets, place.start_direction_rad, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("target", "seen"),
+    [((3.0, 0.5), True), ((3.0, 0.81), False), ((3.0, -0.81), False), ((-0.7, 0.0), True), ((-0.7, 0.5), False)],
+    ids=["ahead", "too far left", "too far right", "behind, in sight", "behind, out of sight"],
+)
+def test_what_is_on_the_way(target: Point, seen: bool) -> None:
+    turn = random.Random(1).uniform(-math.pi, math.pi)
+
+    def turned(point: Point) -> Point:
+        x, y = point
+        return (x * math.cos(turn) - y * math.sin(turn) + 1.0, x * math.sin(turn) + y * math.cos(turn) - 2.0)
+
+    assert targets.on_the_way([turned((0.0, 0.0))], [turned(target)], turn, 0.8) is seen
+    assert targets.on_the_way([(50.0, 50.0), turned((0.0, 0.0))], [turned(target)], turn, 0.8) is seen
+    assert not targets.on_the_way([(0.0, 0.0)], [], turn, 0.8)
+
+
 @pytest.mark.parametrize(("count", "area_m2"), [(1, 20.0), (19, 20.0), (50, 20.0), (100, 40.0), (500, 200.0)])
 def test_floor_grows_with_the_cloud(count: int, area_m2: float) -> None:
     width, height = targets.floor_size_m(count)
