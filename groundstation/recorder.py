@@ -79,9 +79,13 @@ class Reel:
         self._cloud = b""
         self._mission: str | None = None
         self._ran = False
+        self._begun = False
 
     def write(self, messages: list[tuple[str, bytes, int]], dropped: int) -> None:
-        """Write what has come, the first targets of another mission into a new folder."""
+        """Write what has come, the first targets of another mission into a new folder.
+
+        The first messages of a recording are committed at once: a run that has begun can be read, whatever comes.
+        """
         begin = 0
         for number, (key, payload, _) in enumerate(messages):
             if key == self._keys.status:
@@ -95,21 +99,35 @@ class Reel:
                     self._roll(dropped)
                 self._mission = mission or self._mission
         self.tape.write(messages[begin:])
+        if not self._begun and self.tape.writer.messages:
+            self.tape.commit()
+            self._begun = True
+
+    def _next(self) -> "Tape":
+        """A recording in a folder of its own.
+
+        :raises OSError: there is no room for one; no folder is left.
+        """
+        folder = next_folder(self._out)
+        folder.mkdir(parents=True)
+        try:
+            (folder / CONFIG).write_bytes(self._config)
+            return Tape(folder / NAME, self.tape.arena, self._config, self._clock)
+        except OSError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
     def _roll(self, dropped: int) -> None:
         try:
-            folder = next_folder(self._out)
-            folder.mkdir(parents=True)
-            (folder / CONFIG).write_bytes(self._config)
-            tape = Tape(folder / NAME, self.tape.arena, self._config, self._clock)
+            tape = self._next()
         except OSError as error:
             print(f"next run not in a folder of its own: {error}", file=sys.stderr, flush=True)
             return
         self.tape.close(dropped)
         if self.tape.trouble:
             self.troubles.append(self.tape.trouble)
-        self.tape, self._ran = tape, False
-        print(f"recording to {folder}", flush=True)
+        self.tape, self._ran, self._begun = tape, False, False
+        print(f"recording to {tape.path.parent}", flush=True)
 
 
 def next_folder(out: Path) -> Path:
@@ -138,9 +156,14 @@ class Tape:
         self.writer = RunWriter(self.sink, Keys(arena.arena.name))
         now_ns = clock()
         self.began_ns = now_ns
-        self.writer.describe(
-            {"run": _about(arena, now_ns), "software": software()}, {CONFIG: config, **files()}, now_ns
-        )
+        try:
+            self.writer.describe(
+                {"run": _about(arena, now_ns), "software": software()}, {CONFIG: config, **files()}, now_ns
+            )
+        except OSError:
+            os.close(self._descriptor)
+            path.unlink()
+            raise
 
     def write(self, messages: list[tuple[str, bytes, int]]) -> None:
         if self.sink.pending > MAX_PENDING_BYTES:

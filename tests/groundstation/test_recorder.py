@@ -1,5 +1,6 @@
 """The recorder as a process: killed, ended, started again."""
 
+import errno
 import gc
 import os
 import signal
@@ -19,7 +20,7 @@ from contract.arena import Arena, parse, table_of
 from contract.codec import encode
 from contract.keys import Keys
 from contract.messages import RunStatus, TargetCloud
-from groundstation.recorder import COMMIT_S, Reel
+from groundstation.recorder import COMMIT_S, NAME, Reel
 from groundstation.recording import Recording, RecordingError
 from groundstation.recover import recover
 from groundstation.rig import free_ports, write_config
@@ -181,3 +182,40 @@ def test_a_repeated_mission_gets_a_run_folder_of_its_own(tmp_path: Path) -> None
     assert missions("lab") == ["a", "b", "b"]
     assert missions("lab-3") == ["c", "c"]
     assert (tmp_path / "lab-3" / "config.toml").read_bytes() == (tmp_path / "config.toml").read_bytes()
+
+
+def test_the_first_messages_are_on_the_disk_at_once(tmp_path: Path) -> None:
+    arena = arena_of()
+    write_config(arena, tmp_path / "config.toml")
+    reel = Reel(tmp_path, arena, (tmp_path / "config.toml").read_bytes())
+    assert not list(Recording(tmp_path / NAME).messages())
+    reel.write([(KEYS.targets, encode(TargetCloud(mission="a", targets=())), 1)], 0)
+    assert len(list(Recording(tmp_path / NAME).messages())) == 1, "though no second has passed"
+    reel.write([(KEYS.targets, encode(TargetCloud(mission="a", targets=())), 2)], 0)
+    assert len(list(Recording(tmp_path / NAME).messages())) == 1
+    reel.tape.close(0)
+
+
+def test_a_run_for_which_there_is_no_room_leaves_no_folder_and_goes_into_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arena = arena_of()
+    out = tmp_path / "lab"
+    out.mkdir()
+    write_config(arena, out / "config.toml")
+    reel = Reel(out, arena, (out / "config.toml").read_bytes())
+    told = {name: (KEYS.targets, encode(TargetCloud(mission=name, targets=())), 1) for name in "ab"}
+    reel.write([told["a"], (KEYS.status, encode(RunStatus(stamp_ns=1, phase="running")), 1)], 0)
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    descriptors = len(os.listdir("/proc/self/fd"))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        reel.write([told["b"]], 0)
+    assert "No space left" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["lab"]
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+    reel.tape.close(0)
+    assert len(list(Recording(out / NAME).messages())) == 3
