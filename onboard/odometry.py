@@ -57,6 +57,8 @@ class Odometry:
         self._base: tuple[Pose, int] | None = None
         self._horizon_ns = int(horizon_s * 1e9)
         self._history: deque[tuple[int, float, float]] = deque()
+        self._carried: tuple[Pose, int, Pose, int] | None = None
+        """A pose older than half the horizon and its time, what the wheels had made of it since, and by when."""
         self.rims = (0.0, 0.0)
         """Latest measured rim speeds, left and right, m/s."""
 
@@ -100,7 +102,26 @@ class Odometry:
             history.popleft()
 
     def predict(self, pose: Pose, from_ns: int, to_ns: int) -> Pose:
-        """``pose``, valid at ``from_ns``, carried on to ``to_ns``; without measurements it stays."""
+        """``pose``, valid at ``from_ns``, carried on to ``to_ns``; without measurements it stays.
+
+        One older than the horizon counts whole if it has been asked for since it was younger than half of that.
+        """
+        if to_ns - from_ns > self._horizon_ns // 2:
+            pose, from_ns = self._carry(pose, from_ns, to_ns - self._horizon_ns // 2)
+        return self._roll(pose, from_ns, to_ns)
+
+    def _carry(self, pose: Pose, from_ns: int, to_ns: int) -> tuple[Pose, int]:
+        """The pose at that time, and the time: by what is remembered, for the history forgets."""
+        begin, begin_ns = pose, from_ns
+        if self._carried is not None and self._carried[:2] == (pose, from_ns):
+            _, _, begin, begin_ns = self._carried
+        if to_ns > begin_ns:
+            begin, begin_ns = self._roll(begin, begin_ns, to_ns), to_ns
+            self._carried = (pose, from_ns, begin, begin_ns)
+        return begin, begin_ns
+
+    def _roll(self, pose: Pose, from_ns: int, to_ns: int) -> Pose:
+        """Along the history, no farther back than it reaches."""
         history = self._history
         if not history or to_ns <= from_ns:
             return pose

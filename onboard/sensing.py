@@ -154,17 +154,27 @@ class Sensing:
             self._heard = {name: (without_targets(state), at_ns) for name, (state, at_ns) in self._heard.items()}
         return new
 
-    def in_range(self, robot: str) -> bool:
-        """Whether the virtual radio reaches that robot: both seen, at most r_c apart."""
+    def in_range(self, robot: str, told: tuple[float, float] | None = None) -> bool:
+        """Whether the virtual radio reaches that robot: both have been seen, and are at most r_c apart.
+
+        One that is not seen just now is where it says it is, for it may have left where it was seen last.
+
+        :param told: x and y by its own account, m; None: not known yet, so that one that is not seen may be in reach.
+        """
         own, other = self._own, self._others.get(robot)
         if own is None or other is None:
             return False
+        there = (other.x_m, other.y_m)
+        if other.stamp_ns < self._newest_ns:
+            if told is None:
+                return True
+            there = told
         x, y, _ = own[0]
-        return math.hypot(x - other.x_m, y - other.y_m) <= self._radius_m
+        return math.hypot(x - there[0], y - there[1]) <= self._radius_m
 
     def state(self, state: NeighbourState, now_ns: int) -> bool:
         """Take a neighbour's message; False where it is out of range, not newer than the last, or of a past boot."""
-        if not self.in_range(state.robot):
+        if not self.in_range(state.robot, (state.x_m, state.y_m)):
             self.out_of_range += 1
             return False
         known = self._heard.get(state.robot)
@@ -183,14 +193,18 @@ class Sensing:
         return True
 
     def sighted(self, own: Pose, now_ns: int, linked: Container[str] = ()) -> dict[str, Sighted]:
-        """Robots within r_c of ``own``, at their last valid pose; those unseen for 3 s are left out, unless linked."""
+        """Robots within r_c of ``own``, at their last valid pose.
+
+        Those unseen for 3 s are left out. One that is linked stays, however long it is unseen and however far away it
+        was last: the link binds wherever it has gone since.
+        """
         own_x, own_y, _ = own
         radius_m, newest_ns = self._radius_m, self._newest_ns
         result = {}
         for name, track in self._others.items():
             x, y = track.x_m, track.y_m
-            if math.hypot(own_x - x, own_y - y) <= radius_m:
-                stamp_ns = track.stamp_ns
+            stamp_ns = track.stamp_ns
+            if math.hypot(own_x - x, own_y - y) <= radius_m or (stamp_ns < newest_ns and name in linked):
                 age_ns = now_ns - stamp_ns
                 if age_ns <= FORGET_NS or name in linked:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0

@@ -53,6 +53,15 @@ def test_a_row(name: str) -> None:
     assert outcome.faults == ()
 
 
+CASES = (("motion capture: swap", 1596625896),)
+"""Of longer runs that once ended badly."""
+
+
+@pytest.mark.parametrize(("name", "seed"), CASES)
+def test_what_once_ended_badly(name: str, seed: int) -> None:
+    assert play(BY_NAME[name], seed).faults == ()
+
+
 def test_a_fault_at_the_same_moment_is_the_same_fault() -> None:
     row = BY_NAME["station: STOP"]
     assert play(row, 2) == play(row, 2)

@@ -65,6 +65,32 @@ def test_an_occluded_robot_stays_where_it_was_last_seen_and_is_marked() -> None:
     assert seen.age_s == pytest.approx(0.010)
 
 
+def test_a_linked_robot_that_is_not_seen_stays_in_view_however_far_it_was_last() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    places = {"r01": (0.0, 0.0), "r02": (0.9, 0.0), "r03": (0.9, 0.1)}
+    sensing.frame(frame(1, places))
+    sensing.frame(frame(2, places, invalid=("r02", "r03")))
+    gone_on = Pose(-0.2, 0.0, 0.0)
+    assert set(sensing.sighted(gone_on, 20 * MS, {"r02"})) == {"r02"}
+    assert not sensing.sighted(gone_on, 20 * MS)
+    assert set(sensing.sighted(gone_on, 20_000 * MS, {"r02"})) == {"r02"}
+    sensing.frame(frame(3, places))
+    assert not sensing.sighted(gone_on, 30 * MS, {"r02"}), "seen to be out of reach"
+
+
+def test_a_robot_that_is_not_seen_is_heard_where_it_says_it_is() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    places = {"r01": (0.0, 0.0), "r02": (0.9, 0.0)}
+    sensing.frame(frame(1, places))
+    sensing.frame(frame(2, {**places, "r01": (-0.2, 0.0)}, invalid=("r02",)))
+    assert sensing.in_range("r02"), "worth decoding"
+    assert sensing.state(state("r02", 0.7, 0.0, seq=2), 0)
+    assert not sensing.state(state("r02", 0.81, 0.0, seq=3), 0)
+    sensing.frame(frame(3, {**places, "r01": (-0.2, 0.0)}))
+    assert not sensing.in_range("r02")
+    assert not sensing.state(state("r02", 0.7, 0.0, seq=4), 0), "seen: what it says does not count"
+
+
 def test_velocity_comes_from_poses() -> None:
     sensing = Sensing("r01", 1.0, 0.5)
     for k in range(1, 12):
@@ -99,6 +125,32 @@ def test_dead_reckoning_at_constant_speed_is_the_exact_arc(
 
 def test_dead_reckoning_without_measurements_stays() -> None:
     assert Odometry(0.11).predict(Pose(1.0, 2.0, 3.0), 0, 10**9) == Pose(1.0, 2.0, 3.0)
+
+
+@given(st.lists(st.floats(-0.8, 0.8), min_size=3, max_size=6), st.floats(0.0, 4.0))
+def test_wheels_count_for_as_long_as_the_own_pose_is_missing(speeds: list[float], rest_s: float) -> None:
+    """Against one history that forgets nothing; asked every 10 ms, as a robot does."""
+    short, long = Odometry(0.11), Odometry(0.11, horizon_s=100.0)
+    rims = [(speed, speed * 0.7) for speed in speeds for _ in range(30)] + [(0.0, 0.0)] * int(rest_s * 100)
+    pose = Pose(1.0, 2.0, 0.5)
+    for step, (left, right) in enumerate(rims):
+        for odometry in (short, long):
+            odometry.record(step * 10 * MS, left, right)
+        told = short.predict(pose, 0, step * 10 * MS + 3 * MS)
+    truth = long.predict(pose, 0, (len(rims) - 1) * 10 * MS + 3 * MS)
+    assert math.dist(told[:2], truth[:2]) < 1e-3
+    assert abs(told.heading_rad - truth.heading_rad) < 0.02
+
+
+def test_what_is_remembered_of_one_pose_is_not_used_for_another() -> None:
+    odometry = Odometry(0.11)
+    for step in range(200):
+        odometry.record(step * 10 * MS, 0.4, 0.4)
+        odometry.predict(Pose(0.0, 0.0, 0.0), 0, step * 10 * MS)
+    there = odometry.predict(Pose(5.0, 0.0, 0.0), 0, 1990 * MS)
+    assert there.x_m > 5.0
+    fresh = odometry.predict(Pose(5.0, 0.0, 0.0), 1980 * MS, 1990 * MS)
+    assert fresh.x_m == pytest.approx(5.004)
 
 
 def test_a_new_mission_voids_what_was_heard_of_the_old_ones_targets() -> None:
