@@ -207,7 +207,8 @@ def judged(row: Row, outcome: Outcome, stage: Stage) -> Outcome:
 def _real(row: Row, outcome: Outcome, stage: Stage) -> Iterator[str]:
     """What only real processes can get wrong."""
     if row.action == "goes on" and not row.leaves and outcome.state != "running":
-        yield f"left {outcome.state}, expected running"
+        report = stage.reports.get(outcome.victim)
+        yield f"left {outcome.state}, expected running: {report.reason if report is not None else 'silent'}"
 
 
 def play_all(wanted: Sequence[tuple[Row, int]], kept: Kept, robots: int = ROBOTS) -> None:
