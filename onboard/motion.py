@@ -34,6 +34,8 @@ REACH_NS = 60_000_000
 """The last feedback is carried on this far, not farther."""
 STILL_SHARE = 0.25
 """Of ``motion_way_m`` or ``motion_turn_rad``: below it wheels, or a body, stand."""
+GAP_NS = 150_000_000
+"""What wheels did between two feedbacks farther apart than this, nobody knows: this process or the wire stood still."""
 CARRIED_FACTOR = 1.5
 PIVOT_M = 0.03
 """A body's origin may be this far from the middle of the axle: turning then moves it across."""
@@ -90,6 +92,7 @@ class MotionCheck:
         self._window_ns = int(safety.motion_window_s * 1e9)
         self._rims = (0.0, 0.0)
         self._asked = (0.0, 0.0)
+        self._slow = slow
         self._expected = (Expected(slow), Expected(slow))
         self._ways: deque[Ways] = deque()
         self._samples: deque[Sample] = deque()
@@ -107,6 +110,12 @@ class MotionCheck:
         self.kind = ""
         self._samples.clear()
 
+    def _begin_anew(self) -> None:
+        """Nothing is known of the wheels before now; they may have stood."""
+        self._ways.clear()
+        self._samples.clear()
+        self._expected = (Expected(self._slow), Expected(self._slow))
+
     def command(self, left_mps: float, right_mps: float) -> None:
         """Rim speeds asked of the wheels from now on."""
         self._asked = (left_mps, right_mps)
@@ -117,6 +126,9 @@ class MotionCheck:
         last = ways[-1] if ways else Ways(stamp_ns)
         if ways and stamp_ns <= last[0]:
             return
+        if stamp_ns - last[0] > GAP_NS:
+            self._begin_anew()
+            ways, last = self._ways, Ways(stamp_ns)
         left, right = self._rims
         span_s = (stamp_ns - last[0]) * 1e-9
         asked = [rim.roll(command, span_s) for rim, command in zip(self._expected, self._asked, strict=True)]

@@ -194,6 +194,23 @@ def test_the_slowest_wheel_is_that_of_the_arena_file_and_of_the_last_gate() -> N
     assert slowest(slowed) == (0.5, LONG_S)
 
 
+@given(st.floats(0.02, 3.0), st.floats(0.0, 0.8), st.floats(-0.8, 0.8))
+def test_a_process_that_hung_blames_no_wheel(hung_s: float, before_mps: float, after_mps: float) -> None:
+    """Its last command stands until the controller's watchdog lets go, then the body coasts; nobody writes it down."""
+    robot = Robot(honest)
+    robot.drive(1.0, (before_mps, before_mps))
+    speed, left = before_mps, hung_s
+    while left > 0.0:
+        speed = before_mps if hung_s - left < 0.2 else max(0.0, speed - 0.6 * 0.01)
+        robot.pose = advance(robot.pose, speed, 0.0, min(left, 0.01))
+        left -= 0.01
+    robot.now += round(hung_s * 1e9)
+    for _ in range(200):
+        speed += max(-0.02, min(0.02, after_mps - speed))
+        robot.drive(0.01, (speed, speed), done=(after_mps, after_mps))
+    assert set(robot.kinds) == {""}
+
+
 def test_a_body_whose_origin_is_off_the_axle_is_no_fault() -> None:
     robot = Robot(lambda rims: (honest(rims)[0], 0.02 * honest(rims)[2], honest(rims)[2]))
     for rims in (CURVE, SPOT, (0.5, 0.1), (-0.1, 0.4)):
