@@ -38,7 +38,7 @@ class Message(Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unkn
 # --- mocap bridge -> everyone -------------------------------------------------------------------
 
 
-class BodyPose(Message, frozen=True, kw_only=True):
+class BodyPose(Message, frozen=True, kw_only=True, gc=False):
     """One rigid body of a frame; ``valid`` false keeps the last coordinates and names the reason."""
 
     robot: RobotName

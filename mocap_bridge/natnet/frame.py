@@ -9,6 +9,8 @@ from mocap_bridge.natnet.wire import Malformed, MessageId, Reader
 Body = tuple[int, float, float, float, float, float, float, float, float, int]
 """``(id, x, y, z, qx, qy, qz, qw, mean marker error, params)``, in the stream's axes and unit."""
 
+BODY_BYTES = 38
+"""Of a body in a frame, in this order."""
 TRACKING_VALID = 0x01
 """Bit of a body's params."""
 RECORDING, MODELS_CHANGED, EDIT_MODE, BITSTREAM_CHANGED = 0x01, 0x02, 0x04, 0x08

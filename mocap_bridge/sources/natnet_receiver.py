@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Mapping
 
 from mocap_bridge.natnet.client import Client
-from mocap_bridge.natnet.frame import EDIT_MODE, Body
+from mocap_bridge.natnet.frame import EDIT_MODE, Body, Frame
+from mocap_bridge.natnet.listed import Listed, ids_of
 from mocap_bridge.natnet.version import Version
 from mocap_bridge.sequence import Sequence
 from mocap_bridge.sources.base import STEADY, SourceFrame, SourceStatus
@@ -21,6 +22,10 @@ class NatNetReceiver:
         self.session = 0
         self.counters: Counter[str] = Counter()
         self._sequence = Sequence()
+        self._models = self.client.models
+        self._ids = b""
+        self._names: tuple[str, ...] | None = ()
+        """Of the bodies with these ids by that model list; None where they are not all known, each once."""
         self._dropped = 0
         self._restarts = 0
 
@@ -39,13 +44,11 @@ class NatNetReceiver:
                 self.client.restart()
                 self._begin_session()
             return None
-        names, listed = self.client.models.names, frame.bodies
-        try:
-            bodies: Mapping[str, Body] = {names[body[0]]: body for body in listed}
-        except KeyError:
-            bodies = {}
-        if len(bodies) < len(listed):
-            bodies = self._known(listed, now_ns)
+        ids = ids_of(frame.body_data)
+        if ids != self._ids or self.client.models is not self._models:
+            self._recognise(ids, frame)
+        names, data = self._names, frame.body_data
+        bodies: Mapping[str, Body] = self._known(frame.bodies, now_ns) if names is None else Listed(names, data)
         return SourceFrame(
             self.session,
             frame.number,
@@ -56,6 +59,12 @@ class NatNetReceiver:
             bodies,
             bool(frame.params & EDIT_MODE),
         )
+
+    def _recognise(self, ids: bytes, frame: Frame) -> None:
+        """Other ids, or another model list, than in the frame before."""
+        self._ids, self._models = ids, self.client.models
+        names = [self._models.names.get(body[0], "") for body in frame.bodies]
+        self._names = tuple(names) if "" not in names and len(set(names)) == len(names) else None
 
     def _known(self, bodies: list[Body], now_ns: int) -> Mapping[str, Body]:
         """Bodies with a name; two with the same id are nobody's."""

@@ -13,11 +13,14 @@ from mocap_bridge import checks
 from mocap_bridge.checks import Checker
 from mocap_bridge.frames import ArenaFrame
 from mocap_bridge.natnet.frame import Body
+from mocap_bridge.natnet.listed import Listed, ids_of
 from mocap_bridge.sources.base import SourceFrame
 from mocap_bridge.steady import Steady
 from mocap_bridge.track import Track
 
 COUNT = 6
+BODY = struct.Struct("<i8fh")
+WAYS = ["named", "listed", "with strangers"]
 PERIODS_NS = [4_166_667] * 12 + [0, 2_777_778, 50_000_000]
 ODD = [math.nan, math.inf, -math.inf, 3e38, 28.4, 28.6, 49.0, 60.0]
 
@@ -103,6 +106,24 @@ class Walk:
         return (k, x, y, z, qx, qy, qz, qw, error_m, draw.choice([0, 2]) if kind == "lost" else draw.choice([1, -1]))
 
 
+class Lister:
+    """Gives the bodies as a source does that lists them: in one order, with some that are no robot's."""
+
+    def __init__(self, way: str) -> None:
+        self.way, self.names = way, ("",)
+
+    def frame(self, frame: SourceFrame) -> SourceFrame:
+        if self.way == "named":
+            return frame
+        bodies = dict(frame.bodies)
+        if self.way == "with strangers":
+            wand = (77, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1)
+            bodies = {"wand": wand, **dict(reversed(bodies.items())), "wand 2": wand}
+        if tuple(bodies) != self.names:
+            self.names = tuple(bodies)
+        return frame._replace(bodies=Listed(self.names, b"".join(BODY.pack(*body) for body in bodies.values())))
+
+
 class Sceptic(Steady):
     """Lets nothing go on."""
 
@@ -110,11 +131,14 @@ class Sceptic(Steady):
         return super().go_on({}, now_ns)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_going_on_gives_the_verdict_of_the_checks_one_by_one(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("seed", range(4))
+def test_going_on_gives_the_verdict_of_the_checks_one_by_one(
+    seed: int, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     draw = random.Random(seed)
     arena = site("yz"[seed % 2])
-    usual, walk = Checker(arena), Walk(draw, arena)
+    usual, walk, lister = Checker(arena), Walk(draw, arena), Lister(way)
     monkeypatch.setattr(checks, "Steady", Sceptic)
     careful = Checker(arena)
     gone_on = [0, 0]
@@ -122,8 +146,8 @@ def test_going_on_gives_the_verdict_of_the_checks_one_by_one(seed: int, monkeypa
 
     def counted(bodies: Mapping[str, Body], now_ns: int) -> tuple[list[BodyPose], list[Body | None], list[int]]:
         found = go_on(bodies, now_ns)
-        for body in found[1]:
-            gone_on[body is not None] += 1
+        for place in range(COUNT):
+            gone_on[place not in found[2]] += 1
         return found
 
     monkeypatch.setattr(usual._steady, "go_on", counted)
@@ -133,24 +157,27 @@ def test_going_on_gives_the_verdict_of_the_checks_one_by_one(seed: int, monkeypa
         if draw.random() < 0.003:
             usual.restart()
             careful.restart()
-        frame = walk.frame(number, now_ns)
+        frame = lister.frame(walk.frame(number, now_ns))
         assert usual.check(frame) == careful.check(frame), number
         for one, other in zip(usual.tracks, careful.tracks, strict=True):
             assert (one.reason, one.resets, one.faults) == (other.reason, other.resets, other.faults), number
     assert min(gone_on) > 500
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_what_is_written_up_is_what_the_checks_one_by_one_wrote(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_written_up_is_what_the_checks_one_by_one_wrote(
+    seed: int, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     draw = random.Random(100 + seed)
     arena = site("yz"[seed % 2])
-    usual, walk = Checker(arena), Walk(draw, arena)
+    usual, walk, lister = Checker(arena), Walk(draw, arena), Lister(way)
     monkeypatch.setattr(checks, "Steady", Sceptic)
     careful = Checker(arena)
     now_ns = 10**9
     for number in range(300):
         now_ns += draw.choice(PERIODS_NS)
-        frame = walk.frame(number, now_ns)
+        frame = lister.frame(walk.frame(number, now_ns))
         usual.check(frame)
         careful.check(frame)
         for checker in (usual, careful):
@@ -158,3 +185,37 @@ def test_what_is_written_up_is_what_the_checks_one_by_one_wrote(seed: int, monke
         for one, other in zip(usual.tracks, careful.tracks, strict=True):
             for name in Track.__slots__:
                 assert getattr(one, name) == getattr(other, name), (number, name)
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_a_body_that_slowly_falls_over_is_refused_as_soon_as_the_checks_refuse_it(listed: bool) -> None:
+    arena = site("z")
+    checker, lister, now_ns = Checker(arena), Lister("listed" if listed else "named"), 10**9
+    leans = [0.02 * number for number in range(60)]
+    reasons = []
+    for number, lean_rad in enumerate(leans):
+        now_ns += 4_166_667
+        at, _ = ArenaFrame(arena.mocap).source(2.0 + 1e-4 * number, 1.0, 0.0, 0.1)
+        turned = single([math.sin(0.5 * lean_rad), 0.0, 0.0, math.cos(0.5 * lean_rad)])
+        bodies = {f"b{k}": (k, *single(at), *turned, 0.0, 1) for k in range(COUNT)}
+        frame = lister.frame(SourceFrame(0, number, now_ns, now_ns, now_ns, 0, bodies))
+        reasons.append({body.reason for body in checker.check(frame)})
+    assert reasons == [{"tilted" if lean > math.radians(45.0) else ""} for lean in leans]
+
+
+def test_a_list_is_a_mapping_of_its_bodies_by_name() -> None:
+    bodies = {f"b{k}": (k, *single([0.1 * k] * 8), k % 2) for k in range(5)}
+    listed = Listed(tuple(bodies), b"".join(BODY.pack(*body) for body in bodies.values()))
+    assert listed == bodies
+    assert list(listed.items()) == list(bodies.items())
+    assert (len(listed), "b3" in listed, "b5" in listed) == (5, True, False)
+    assert (listed.get("b3"), listed.get("b5"), listed.get("b5", "none")) == (bodies["b3"], None, "none")
+    assert [*listed.sighted()] == [body[1:] for body in bodies.values()]
+    assert [*listed.placed()] == [body[1:8] for body in bodies.values()]
+    assert (dict(Listed((), b"")), *Listed((), b"").sighted()) == ({},)
+
+
+@pytest.mark.parametrize("ids", [(1, 256), (1, 65536), (1, 1 << 24)])
+def test_frames_whose_ids_differ_in_one_byte_are_told_apart(ids: tuple[int, int]) -> None:
+    first, other = (BODY.pack(identity, *[0.0] * 8, 1) for identity in ids)
+    assert ids_of(first + other) != ids_of(first + first) == ids_of(first + first)
