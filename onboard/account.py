@@ -16,6 +16,7 @@ from contract.messages import (
     StepBatch,
     WheelFeedback,
 )
+from contract.units import fifth
 from onboard.ahdc.controller import Controller, LinkWord
 from onboard.pacing import Pacing
 from onboard.safety import Supervisor, Verdict
@@ -99,8 +100,8 @@ class Account:
             exposure_ns=frame.exposure_ns,
             step_ns=step_ns,
             write_ns=write_ns,
-            left_radps=round(left_radps, 5),
-            right_radps=round(right_radps, 5),
+            left_radps=fifth(left_radps),
+            right_radps=fifth(right_radps),
             links=self._links,
             task=task,
             claim=-1 if claim is None else claim,

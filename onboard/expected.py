@@ -30,11 +30,18 @@ class Expected:
 
     def roll(self, command_mps: float, span_s: float) -> float:
         """The way, m and without sign, while that command stands."""
-        slow_m, self._slow_mps = respond(self._slow_mps, command_mps, span_s, *self._slow)
-        self.speed_mps = _both(self._slow_mps, command_mps)
+        if self._slow_mps == command_mps:
+            self.speed_mps = abs(command_mps)
+            return abs(command_mps * span_s)
+        slow_m, slow_mps = respond(self._slow_mps, command_mps, span_s, *self._slow)
+        self._slow_mps = slow_mps
+        self.speed_mps = _both(slow_mps, command_mps)
         return _both(slow_m, command_mps * span_s)
 
 
 def _both(slow: float, quick: float) -> float:
     """The lesser of two of one sign, without it; 0 where they differ in sign."""
-    return min(abs(slow), abs(quick)) if slow * quick > 0.0 else 0.0
+    if slow * quick > 0.0:
+        slow, quick = abs(slow), abs(quick)
+        return slow if slow < quick else quick
+    return 0.0

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from contract.arena import Safety
 from contract.messages import BodyPose
+from onboard.ahdc.parameters import record
 
 ROLL_FACTOR = 1.25
 MARGIN_SHARE = 0.5
@@ -51,16 +52,16 @@ class JumpCheck:
 
     def feedback(self, stamp_ns: int, left_mps: float, right_mps: float) -> None:
         """Rim speeds; one not newer than the last is ignored."""
-        rolled = self._rolled
+        rolled, (last_mps, last_radps) = self._rolled, self._rates
         speed_mps, turn_radps = max(abs(left_mps), abs(right_mps)), abs(right_mps - left_mps) / self._separation_m
         if rolled:
             since_ns, way_m, turn_rad = rolled[-1]
             if stamp_ns <= since_ns:
                 return
             span_s = (stamp_ns - since_ns) * 1e-9
-            way_m += max(speed_mps, self._rates[0]) * span_s
-            turn_rad += max(turn_radps, self._rates[1]) * span_s
-            rolled.append(Rolled(stamp_ns, way_m, turn_rad))
+            way_m += (speed_mps if speed_mps > last_mps else last_mps) * span_s
+            turn_rad += (turn_radps if turn_radps > last_radps else last_radps) * span_s
+            rolled.append(record(Rolled, (stamp_ns, way_m, turn_rad)))
         else:
             rolled.append(Rolled(stamp_ns, 0.0, 0.0))
         self._rates = (speed_mps, turn_radps)
@@ -85,7 +86,7 @@ class JumpCheck:
             self.text = self._judge(last, body, stamp_ns)
         self._last, self._last_ns, self._doubted = body, stamp_ns, False
         rolled = self._rolled
-        while len(rolled) > 1 and rolled[1].stamp_ns <= stamp_ns:
+        while len(rolled) > 1 and rolled[1][0] <= stamp_ns:
             rolled.popleft()
 
     def forget(self) -> None:

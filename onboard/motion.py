@@ -90,6 +90,7 @@ class MotionCheck:
         self._safety = safety
         self._separation_m = wheel_separation_m
         self._window_ns = int(safety.motion_window_s * 1e9)
+        self._kept_ns = 2 * self._window_ns + 1_000_000_000
         self._rims = (0.0, 0.0)
         self._asked = (0.0, 0.0)
         self._slow = slow
@@ -124,17 +125,17 @@ class MotionCheck:
         """Measured rim speeds; a stamp that is not newer is ignored."""
         ways = self._ways
         last = ways[-1] if ways else Ways(stamp_ns)
-        if ways and stamp_ns <= last[0]:
+        span_ns = stamp_ns - last[0]
+        if span_ns <= 0 and ways:
             return
-        if stamp_ns - last[0] > GAP_NS:
+        if span_ns > GAP_NS:
             self._begin_anew()
-            ways, last = self._ways, Ways(stamp_ns)
-        left, right = self._rims
-        span_s = (stamp_ns - last[0]) * 1e-9
-        asked = [rim.roll(command, span_s) for rim, command in zip(self._expected, self._asked, strict=True)]
-        ways.append(self._carry(last, stamp_ns, (left + left_mps) / 2, (right + right_mps) / 2, *asked))
+            ways, last, span_ns = self._ways, Ways(stamp_ns), 0
+        (left, right), (left_to, right_to), (left_rim, right_rim) = self._rims, self._asked, self._expected
+        left_m, right_m = left_rim.roll(left_to, span_ns * 1e-9), right_rim.roll(right_to, span_ns * 1e-9)
+        ways.append(self._carry(last, stamp_ns, (left + left_mps) / 2, (right + right_mps) / 2, left_m, right_m))
         self._rims = (left_mps, right_mps)
-        while ways[0][0] < stamp_ns - 2 * self._window_ns - 1_000_000_000:
+        while ways[0][0] < stamp_ns - self._kept_ns:
             ways.popleft()
 
     def see(self, body: BodyPose | None, stamp_ns: int) -> None:
