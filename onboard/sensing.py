@@ -101,8 +101,7 @@ class Sensing:
                     self._own = (record(Pose, (body.x_m, body.y_m, body.heading_rad)), stamp_ns)
             elif not body.valid:
                 continue
-            elif name in others:
-                track = others[name]
+            elif (track := others.get(name)) is not None:
                 if body.resets != track.resets or stamp_ns - track.stamp_ns > GAP_NS:
                     track = self._come_back(track, body, stamp_ns)
                 track.extend(stamp_ns, body.x_m, body.y_m)

@@ -5,7 +5,7 @@ message's number dates a claim: the newest word on each robot counts, and a clai
 """
 
 import math
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -68,18 +68,18 @@ class ClaimBook:
 
         One that has fallen silent claims nothing any more.
         """
-        near = []
+        found = []
         for name, (state, _, silent) in heard.items():
-            if not silent and state.claim >= 0 and state.claim_at is not None and target in (None, state.claim):
+            claim = state.claim
+            if (claim == target or (target is None and claim >= 0)) and not silent and state.claim_at is not None:
                 seen = sighted.get(name)
                 place = (seen.x_m, seen.y_m) if seen else (state.x_m, state.y_m)
-                near.append(Claim(name, state.claim, self._way_m(place, state)))
-        return near + [claim for claim in self._far(heard, now_s) if target in (None, claim.target)]
-
-    def _far(self, heard: Container[str], now_s: float) -> Iterator[Claim]:
+                found.append(Claim(name, claim, self._way_m(place, state)))
         for told, _ in self._fresh(now_s):
-            if told.target >= 0 and told.robot not in heard:
-                yield Claim(told.robot, told.target, told.left_m)
+            claim = told.target
+            if (claim == target or (target is None and claim >= 0)) and told.robot not in heard:
+                found.append(Claim(told.robot, claim, told.left_m))
+        return found
 
     def _fresh(self, now_s: float) -> Iterator[Rumour]:
         return (rumour for rumour in self._rumours.values() if now_s - rumour.heard_s < CLAIM_LIFE_S)

@@ -119,11 +119,11 @@ class FieldLaw:
     def _try_removal(self, view: View, own: Vector) -> None:
         """Propose giving up the longest link for which a common neighbour offers two shorter ones."""
         links, sighted, robot = self.links, view.sighted, self.robot
-        removable_m = REMOVE_SHARE * self._spacious_m
+        removable_m, (own_x, own_y) = REMOVE_SHARE * self._spacious_m, own
         long = []
         for name, seen in sighted.items():
             if robot < name:
-                distance = math.dist(own, seen[:2])
+                distance = math.hypot(seen[0] - own_x, seen[1] - own_y)
                 if distance > removable_m and links.vouches(name):
                     long.append((distance, name))
         long.sort(reverse=True)

@@ -81,7 +81,7 @@ class StopTable:
         self._scale = (NODES - 1) / (2 * self._limit_mps)
         axis = np.linspace(-self._limit_mps, self._limit_mps, NODES)
         lower, upper = np.triu_indices(NODES)
-        places = _integrate_stop(axis[lower], axis[upper], brake, wheel_separation_m)
+        places = _integrate_stop(axis, lower, upper, brake, wheel_separation_m)
         nodes = [[(0.0, 0.0)] * NODES for _ in range(NODES)]
         for i, j, forward, sideways in zip(lower, upper, *(array.tolist() for array in places), strict=True):
             nodes[i][j] = (forward, sideways)
@@ -156,19 +156,26 @@ class StopTable:
 
 
 Grid = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+Nodes = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
 
-def _integrate_stop(left: Grid, right: Grid, brake: Brake, wheel_separation_m: float) -> tuple[Grid, Grid]:
-    """Midpoint integration of the unicycle while both wheels brake, tail included."""
+def _integrate_stop(
+    rims: Grid, lower: Nodes, upper: Nodes, brake: Brake, wheel_separation_m: float
+) -> tuple[Grid, Grid]:
+    """Midpoint integration of the unicycle while both wheels brake, tail included.
+
+    :param rims: rim speeds, m/s; ``lower`` and ``upper`` say which of them the left and the right wheel begin with.
+    """
     a, lag = brake
+    left, right = rims[lower], rims[upper]
     forward, sideways, turn = np.zeros_like(left), np.zeros_like(left), np.zeros_like(left)
     fastest = float(np.max(np.abs(left)))
     horizon_s = fastest / a + 9 * lag + INTEGRATION_STEP_S
     step_s = min(INTEGRATION_STEP_S, max(horizon_s / 2000, 1e-5))
     decay = math.exp(-step_s / lag) if lag > 1e-9 else 0.0
     for _ in range(math.ceil(horizon_s / step_s)):
-        new_left = _brake(left, a, a * lag, decay, step_s)
-        new_right = _brake(right, a, a * lag, decay, step_s)
+        rims = _brake(rims, a, a * lag, decay, step_s)
+        new_left, new_right = rims[lower], rims[upper]
         way = (left + right + new_left + new_right) * (step_s / 4)
         rotation = (right + new_right - left - new_left) * (step_s / 2 / wheel_separation_m)
         middle = turn + rotation / 2

@@ -49,6 +49,7 @@ class Tasking:
         self.robot = robot
         self._parameters = parameters
         self._field = parameters.profile == "field"
+        self._too_far = min(parameters.robots, NO_HOPS)
         self.task = Task.FREE
         self.target: int | None = None
         """Tracked or occupied target."""
@@ -109,7 +110,7 @@ class Tasking:
         self.hops, self.indicator, self.helping = NO_HOPS, False, False
 
     def _learn(self, view: View) -> None:
-        memory, too_far, learned = self.memory, min(self._parameters.robots, NO_HOPS), self._learned
+        memory, too_far, learned = self.memory, self._too_far, self._learned
         memory.see_all(view.targets)
         requests: list[tuple[str, Help]] = []
         nearest = too_far
