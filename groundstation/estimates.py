@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from groundstation.compare import Z_95, mean_of
+from groundstation.means import Z_95, mean_of
 
 MEAN, MEDIAN, SHARE = "Student's t", "order statistics (binomial)", "Wilson score"
 """How each interval is made."""

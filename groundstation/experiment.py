@@ -19,8 +19,8 @@ import msgspec
 from contract.arena import ArenaError
 from contract.tables import Fault
 from groundstation import outcomes, runfolder
+from groundstation.files import write_whole
 from groundstation.outcomes import Ending, Outcome
-from groundstation.runfolder import write_whole
 from groundstation.trials import Experiment, Trial, parse, trials
 
 FILE = "experiment.toml"

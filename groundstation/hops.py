@@ -126,7 +126,8 @@ class ShortCut:
 
     def sense(self, name: str, now_ns: int) -> None:
         body = self._bodies[name]
-        body.advance(now_ns, self._separation_m)
+        if body.time_ns < now_ns:
+            body.advance(now_ns, self._separation_m)
         sample = WheelFeedback(
             robot=name,
             stamp_ns=now_ns,

@@ -6,7 +6,7 @@ No threads, no clock, no sleep. Same arena, conditions and seed: the same run, b
 import heapq
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,7 +33,6 @@ from groundstation.result import Result, TimeBook
 from groundstation.scoring import MISSION, Phase, Score, truth
 from groundstation.targets import Scenario
 from groundstation.vicinity import CROWD, Vicinity
-from groundstation.wire import Wire
 from onboard.agent import Agent
 from onboard.ahdc.stopping import Brake
 from onboard.journal import JournalledAgent
@@ -80,6 +79,7 @@ class World:
         self.referee = Referee(self.arena.control.sensing_radius_m, self.arena.platform.diameter_m)
         self._score = Score(self.arena, self.scenario, self.seed, self.referee)
         self.keys = Keys(self.arena.arena.name)
+        self._frame_key = self.keys.mocap_frame
         self._handlers: dict[str, Callable[[str, Any], None]] = {
             "frame": self._on_frame,
             "arrival": self._on_arrival,
@@ -113,11 +113,7 @@ class World:
             plants[name] = Plant(Pose(start[0], start[1], heading), brake)
             self.agents[name] = self._agent(name, 1)
             self._phase_ns[name] = rng.uniform(*conditions.pose_age_s) * 1e9
-        self.hops: Hops = (
-            Wire(self.arena, plants, self.agents, self.seed, self.skew_ns)
-            if self.wired
-            else ShortCut(self.arena, plants, self.agents)
-        )
+        self.hops = self._way(plants)
         self.now_ns = self._begin_ns = self.hops.begin_ns
         self.cloud = TargetCloud(
             mission=MISSION,
@@ -140,6 +136,13 @@ class World:
 
     def _agent(self, name: str, boot: int) -> Agent:
         return (Agent if self.tap is None else JournalledAgent)(self.arena, name, boot)
+
+    def _way(self, plants: Mapping[str, Plant]) -> Hops:
+        if not self.wired:
+            return ShortCut(self.arena, plants, self.agents)
+        from groundstation.wire import Wire
+
+        return Wire(self.arena, plants, self.agents, self.seed, self.skew_ns)
 
     def _own_ns(self, name: str) -> int:
         """What time it is by the robot's own clock."""
@@ -250,11 +253,12 @@ class World:
         return int(min(high * 1e9, max(low * 1e9, age)))
 
     def _on_arrival(self, name: str, frame: Any) -> None:
-        if self.hops.deliver(name, self.keys.mocap_frame, frame, self.now_ns):
+        hops, now_ns = self.hops, self.now_ns
+        if hops.deliver(name, self._frame_key, frame, now_ns):
             agent, own_ns = self.agents[name], self._own_ns(name)
-            self.hops.sense(name, self.now_ns)
-            self._ran_ns[name] = self.now_ns
-            if self.hops.drive(name, agent.step(own_ns), self.now_ns):
+            hops.sense(name, now_ns)
+            self._ran_ns[name] = now_ns
+            if hops.drive(name, agent.step(own_ns), now_ns):
                 agent.wrote(own_ns)
             for key, message in agent.outbox(own_ns):
                 self._send(name, key, message)

@@ -11,10 +11,11 @@ import msgspec
 from groundstation import compare, comparison
 from groundstation.compare import groups, table
 from groundstation.figures import draw
+from groundstation.files import write_whole
 from groundstation.metrics import Metrics, failures
 from groundstation.page import page
 from groundstation.recording import RecordingError
-from groundstation.runfolder import Run, read, write_manifest, write_metrics, write_whole
+from groundstation.runfolder import Run, read, write_manifest, write_metrics
 from groundstation.scenes import Film
 
 FIGURES = "figures"

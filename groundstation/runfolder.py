@@ -7,7 +7,6 @@ figures/       after the paper's figures 3-5   report.html    the whole story on
 
 import argparse
 import hashlib
-import os
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -15,11 +14,11 @@ from typing import NamedTuple
 import msgspec
 
 from contract.arena import ArenaError
+from groundstation.files import RECORDING, write_whole
 from groundstation.history import History
 from groundstation.metrics import Metrics, compute, encode, failures
 from groundstation.recording import Recording, RecordingError
 
-RECORDING = "run.mcap"
 METRICS = "metrics.json"
 MANIFEST = "manifest.json"
 UNLISTED = (MANIFEST, "logs", "ports")
@@ -89,13 +88,6 @@ def write_manifest(run: Run) -> Path:
 def sha256(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(content)
-    os.replace(partial, path)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ from types import TracebackType
 
 from contract.arena import Arena, digest
 from contract.keys import Keys
-from groundstation import runfolder
+from groundstation import files, runfolder
 from groundstation.provenance import software
 from groundstation.recording import CONFIG
 from groundstation.runwriter import RunWriter, Sink
@@ -29,7 +29,7 @@ class SavedRun:
 
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        self._descriptor = os.open(folder / runfolder.RECORDING, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        self._descriptor = os.open(folder / files.RECORDING, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         write_config(arena, folder / CONFIG)
         self._writer = RunWriter(Sink(self._descriptor), Keys(arena.arena.name))
         about = {

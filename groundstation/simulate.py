@@ -16,9 +16,9 @@ from groundstation import estimates
 from groundstation.activity import ACTIVITIES
 from groundstation.conditions import PRESETS, Conditions, Interval
 from groundstation.estimates import Estimate
+from groundstation.files import RECORDING, write_whole
 from groundstation.progress import Progress
 from groundstation.result import Result
-from groundstation.runfolder import RECORDING, write_whole
 from groundstation.sweep import Calibrated, Job, local
 
 MAX_LIMIT_S = 86_400.0

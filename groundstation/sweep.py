@@ -3,9 +3,11 @@
 Every run is made from nothing but its :class:`Job`, so it is the same wherever it is played.
 """
 
+import gc
 import multiprocessing
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -28,6 +30,8 @@ SHORTEST_WATCHDOG_S = 0.021
 SURE_AGE_S = 0.05
 """The supervisor tolerates poses older than the conditions make them by this."""
 POLL_S = 0.5
+THRESHOLDS = (50_000, 20, 100)
+"""Of the garbage collector during a mission."""
 
 
 class Calibrated(NamedTuple):
@@ -167,12 +171,34 @@ def _failed(job: Job, ending: Literal["no scenario", "error"], why: str) -> Resu
 def local(jobs: list[Job], workers: int) -> Iterator[Result | None]:
     """Results in the order of the jobs; None now and then in between, so that progress can be shown."""
     if workers <= 1:
-        for job in jobs:
-            yield from kept(job)
+        with _undisturbed():
+            for job in jobs:
+                yield from kept(job)
+                gc.collect()
         return
     with multiprocessing.get_context("spawn").Pool(min(workers, len(jobs)), _leave_interrupts) as pool:
-        results = pool.imap(keep, jobs, chunksize=1)
+        results = pool.imap(_keep_undisturbed, jobs, chunksize=1)
         yield from polled(len(jobs), lambda _: results.next(timeout=POLL_S), multiprocessing.TimeoutError)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Keep the garbage collector out of missions: it looks at what each leaves behind when it is over, at no more."""
+    thresholds = gc.get_threshold()
+    gc.freeze()
+    gc.set_threshold(*THRESHOLDS)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
+        gc.unfreeze()
+
+
+def _keep_undisturbed(job: Job) -> Result:
+    with _undisturbed():
+        found = keep(job)
+        gc.collect()
+    return found
 
 
 def polled(count: int, fetch: Callable[[int], Result], late: type[Exception]) -> Iterator[Result | None]:

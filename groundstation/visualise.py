@@ -7,8 +7,9 @@ from pathlib import Path
 
 from contract.arena import ArenaError
 from contract.keys import Keys
+from groundstation.files import write_whole
 from groundstation.recording import Recording, RecordingError
-from groundstation.runfolder import recording_path, write_whole
+from groundstation.runfolder import recording_path
 from groundstation.runwriter import RunWriter, Sink
 
 LAYOUT = Path(__file__).parent / "layouts" / "foxglove.json"

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.compare import csv_of, groups, mean_of, table
+from groundstation.compare import csv_of, groups, table
 from groundstation.history import History
+from groundstation.means import mean_of
 from groundstation.metrics import Metrics, compute
 from tests.groundstation.runs import arena_of, mission
 

@@ -1,12 +1,15 @@
 """Missions in virtual time: repeatable bit for bit, and a slice of the seeds that must stay whole and clear."""
 
+import gc
 import math
+import weakref
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from contract.arena import FieldControl
+from groundstation import sweep
 from groundstation.cli import main
 from groundstation.conditions import FIELD, IDEAL, Conditions
 from groundstation.lockstep import World
@@ -139,6 +142,26 @@ def test_on_two_processes_the_same_bytes_as_on_one(tmp_path: Path) -> None:
     for name, workers in (("a.json", "1"), ("b.json", "2")):
         assert main([*words, "--workers", workers, "--json", str(tmp_path / name)]) == 0
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+
+
+def test_a_sweep_leaves_no_mission_behind_and_the_collector_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds: list[weakref.ref[World]] = []
+
+    class Noted(World):
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            worlds.append(weakref.ref(self))
+
+    monkeypatch.setattr(sweep, "World", Noted)
+    before = (gc.get_threshold(), gc.get_freeze_count())
+    during = []
+    for found in sweep.local([Job(2, 3, seed, "field", "ideal", 0.02) for seed in (1, 2)], 1):
+        during.append((gc.get_threshold(), gc.get_freeze_count() > 0))
+        if found is not None and len(worlds) == 2:
+            assert worlds[0]() is None
+    assert worlds[1]() is None
+    assert set(during) == {(sweep.THRESHOLDS, True)}
+    assert (gc.get_threshold(), gc.get_freeze_count()) == before
 
 
 def test_a_run_that_breaks_is_kept_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
