@@ -50,6 +50,8 @@ class SlcanReader:
         return next((text for bit, text in STATUS_TEXTS.items() if self.flags & bit), "")
 
     def feed(self, data: bytes) -> list[CanFrame]:
+        if not data:
+            return []
         *lines, rest = (self._rest + data).split(b"\r")
         if len(rest) > MAX_LINE:
             self.counters["slcan_garbage"] += 1

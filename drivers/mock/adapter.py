@@ -62,14 +62,12 @@ class OnSlcan:
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         if data or now_ns != self._now_ns:
-            self._now_ns = now_ns
-            self.hub.broadcast(self.device.advance(now_ns), now_ns)
+            self._pass(now_ns)
             self.hub.receive(self._port, data, now_ns)
         return self._take()
 
     def advance(self, now_ns: int) -> bytes:
-        self._now_ns = now_ns
-        self.hub.broadcast(self.device.advance(now_ns), now_ns)
+        self._pass(now_ns)
         return self._take()
 
     def next_due_ns(self) -> int | None:
@@ -84,7 +82,14 @@ class OnSlcan:
     def brown_out(self, on: bool) -> None:
         self.device.brown_out(on)
 
+    def _pass(self, now_ns: int) -> None:
+        self._now_ns = now_ns
+        if frames := self.device.advance(now_ns):
+            self.hub.broadcast(frames, now_ns)
+
     def _take(self) -> bytes:
+        if not self._port.output:
+            return b""
         taken = bytes(self._port.output)
         self._port.output.clear()
         return taken

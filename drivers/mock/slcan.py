@@ -48,6 +48,8 @@ class Hub:
         return self.ports[-1]
 
     def receive(self, port: AdapterPort, data: bytes, now_ns: int) -> None:
+        if not data:
+            return
         *lines, rest = (bytes(port.line) + data).split(b"\r")
         for line in lines:
             port.output += self._command(port, self._within(line), now_ns)

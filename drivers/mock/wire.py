@@ -66,6 +66,8 @@ class WirePort:
 
     def deliver(self, data: bytes) -> None:
         """Bytes arrive from the device."""
+        if not data and self.plugged:
+            return
         self._received = (self._received + data)[: self.CAPACITY] if self.plugged else b""
 
     def send(self, data: bytes) -> bool:
