@@ -234,6 +234,7 @@ class Agent:
         if last is None:
             return
         view, frame, step_ns, waits = last
+        self._guard.look_ahead(self.pacing.period_s)
         if self.controller.paper is None and not self._going_home:
             self.controller.think(view)
         if frame is not None:
@@ -291,9 +292,11 @@ class Agent:
         refusal = self.reception.take_state(state, now_ns)
         if refusal:
             self.refuse(refusal)
-        elif self.sensing.state(state, now_ns) and state.mail and not self._going_home:
-            mine = tuple(message for message in state.mail if message.to == self.robot)
-            self.controller.hear_mail(state.robot, mine, now_ns * 1e-9)
+        elif self.sensing.state(state, now_ns):
+            self._guard.hear(state, (now_ns - state.stamp_ns) * 1e-9 + self.pacing.period_s / 2)
+            if state.mail and not self._going_home:
+                mine = tuple(message for message in state.mail if message.to == self.robot)
+                self.controller.hear_mail(state.robot, mine, now_ns * 1e-9)
 
     def _assess(self, now_ns: int) -> Verdict:
         own, reception, sample = self.sensing.own(), self.reception, self._feedback

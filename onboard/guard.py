@@ -3,11 +3,13 @@
 from collections.abc import Iterable, Mapping
 
 from contract.arena import Arena
+from contract.messages import NeighbourState
 from onboard import unicycle
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Decision, Heard, Sighted
 from onboard.cut import cut_bounds, limit_cut
-from onboard.limits import Neighbour, Told, bounds_of, inside_fence, limit
+from onboard.foreseen import Foresight
+from onboard.limits import Neighbour, bounds_of, inside_fence, limit
 from onboard.odometry import Pose
 
 
@@ -21,6 +23,9 @@ class Guard:
         self._max_speed_mps = arena.control.max_speed_mps
         self._asked = (0.0, 0.0)
         """Rim speeds of the last command."""
+        self._foresight = Foresight(self._cut_bounds)
+        self._around: list[Neighbour] = []
+        """The neighbours of the last command."""
 
     def inside_fence(self, pose: Pose) -> bool:
         """Whether a robot there is inside the fence, give or take what braking errors explain."""
@@ -42,17 +47,24 @@ class Guard:
         :param doubtful: places where robots may be as well.
         """
         left, right, waits = decision
-        around = list(doubtful)
+        around = self._around = list(doubtful)
+        told_by = self._foresight.told
         for name, (x, y, vx, vy, age_s, _) in sighted.items():
             silence_s, told = 0.0, None
             if name in heard:
                 state, silence_s, _ = heard[name]
-                if state.rims_mps is not None and state.asked_mps is not None:
-                    place = (state.x_m, state.y_m, state.heading_rad)
-                    told = record(Told, (*place, *state.rims_mps, *state.asked_mps))
+                told = told_by(state)
             around.append(record(Neighbour, (x, y, vx, vy, age_s, silence_s, told)))
         speed, turn = unicycle.body(left, right, self._separation_m)
         speed, turn, limited_by = limit(speed, turn, pose, rims_mps, around, self.bounds)
         speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, self._asked, around, self._cut_bounds)
         left, right = self._asked = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
         return left, right, cut_by or limited_by or waits
+
+    def hear(self, state: NeighbourState, age_s: float) -> None:
+        """Work out a neighbour's message when it comes; ``age_s``: about its age at the next command."""
+        self._foresight.hear(state, age_s)
+
+    def look_ahead(self, later_s: float) -> None:
+        """After a command: work out what the next one, so much later, will need."""
+        self._foresight.look_ahead(self._around, later_s)

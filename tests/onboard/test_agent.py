@@ -24,6 +24,7 @@ from contract.messages import (
 )
 from onboard.agent import Agent, Drive
 from onboard.courses import cut_bounds, cut_way
+from onboard.foreseen import Foreseen
 from onboard.pacing import Pacing
 from tests.onboard.samples import arena, state
 
@@ -391,3 +392,36 @@ def test_towards_a_robot_at_rest_it_goes_no_faster_than_a_cut_allows() -> None:
     bounds = cut_bounds(stage.arena)
     way = cut_way((0.0, 0.0, 0.0, 0.0, 0.0), fastest, fastest, bounds.standing_s, bounds)
     assert max(x for x, _ in way) <= 0.4 - bounds.contact_m + 2e-3
+
+
+def test_what_a_neighbour_may_do_is_worked_out_when_it_is_heard_and_after_a_command(monkeypatch) -> None:
+    stage = Stage({"r02": (0.95, 0.75)})
+    stage.start()
+    busy: list[str] = []
+    worked_out: list[str] = []
+
+    def noted(owner: object, name: str, during: str) -> None:
+        call = getattr(owner, name)
+
+        def tell(*args):
+            busy.append(during)
+            try:
+                return call(*args)
+            finally:
+                busy.pop()
+
+        monkeypatch.setattr(owner, name, tell)
+
+    for name, during in (("step", "step"), ("receive", "message"), ("think", "thought")):
+        noted(stage.agent, name, during)
+    for name in ("_brake", "_come"):
+        way = getattr(Foreseen, name)
+        monkeypatch.setattr(Foreseen, name, lambda self, way=way: worked_out.append(busy[-1]) or way(self))
+    for seq in range(1, 13):
+        says = {"mission": "m", "rims_mps": (0.3, 0.3), "asked_mps": (0.3, 0.3), "heading_rad": math.pi}
+        stamp_ns = stage.now_ns - 8 * MS
+        stage.agent.receive(state("r02", 0.95 + seq * 1e-4, 0.75, seq=seq, stamp_ns=stamp_ns, **says), stage.now_ns)
+        stage.run(5)
+    assert worked_out.count("step") == 1, worked_out
+    assert worked_out.count("message") == 11
+    assert worked_out.count("thought") >= 11

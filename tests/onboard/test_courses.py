@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from onboard.ahdc.stopping import Brake, rim_after
-from onboard.courses import Way, brake_way, cut_bounds, cut_way, least, nearest
+from onboard.courses import brake_way, cut_bounds, cut_way
+from onboard.hulls import Way, least, nearest
 from tests.onboard.cut_adversary import BOUNDS, BRAKE
 from tests.onboard.samples import arena
 

@@ -1,0 +1,217 @@
+"""What another robot may do next: brake, or be cut off. Pure.
+
+All of it follows from the newest message, its age and the bounds, so it is worked out once a message and age step; and
+for a robot whose ways were looked at in the last step, before the next step asks (:class:`Foresight`).
+
+A neighbour silent for longer than T is taken to coast from where it is seen, with the turn that it had or the one it
+was told to take; one that has never spoken, to go straight on.
+"""
+
+import math
+from collections.abc import Iterable
+
+from contract.messages import NeighbourState
+from onboard.ahdc.parameters import record
+from onboard.courses import CutBounds, brake_way, cut_way
+from onboard.hulls import Way
+from onboard.limits import Neighbour, Told, stop_m
+
+MAX_AGE_S = 0.5
+AGED_MPS = 0.1
+"""Ways stay farther apart by this for each second since the other robot was heard: it has chosen anew."""
+AGE_STEP_S = 0.03
+"""Ages of messages are rounded up to this, so that what is worked out of one serves for some steps."""
+STILL_MPS = 0.005
+"""A robot no faster than this is where it is."""
+
+Place = tuple[float, float, float]
+"""x m, y m, heading rad."""
+Rims = tuple[float, float, float, float]
+"""Rim speeds that a robot may have, m/s: measured left and right, asked left and right."""
+
+
+class Foreseen:
+    """One robot's place and the ways that it may roll from there."""
+
+    __slots__ = (
+        "_bounds", "_braking", "_coming", "_facing_rad", "_fastest_mps", "_heading_rad", "_reaction_s", "_standing_s",
+        "_turn_rad", "_turns", "apart_m", "brakes_asked", "cut_m", "cut_off_asked", "stop_m", "x_m", "y_m",
+    )  # fmt: skip
+
+    def __init__(
+        self, place: Place, turns: tuple[Rims, ...], standing_s: float, age_s: float, bounds: CutBounds
+    ) -> None:
+        """
+        :param turns: what its rims may do.
+        :param standing_s: its command may stand so long.
+        :param age_s: of what is known.
+        """
+        self.x_m, self.y_m, self._heading_rad = place
+        self._turns = turns
+        self._standing_s = standing_s
+        self._bounds = bounds
+        brake = bounds.brake
+        self._reaction_s = reaction_s = brake.reaction_s + age_s
+        self.apart_m = bounds.contact_m + AGED_MPS * age_s
+        """Its ways and those of others stay so far apart."""
+        left, right, left_to, right_to = turns[0]
+        self._fastest_mps = fastest = max(abs(left), abs(right), abs(left_to), abs(right_to))
+        self.stop_m = fastest * reaction_s + stop_m(fastest, brake.deceleration_mps2[0], brake.lag_s[1])
+        """It gets no farther braking."""
+        self.cut_m = fastest * standing_s + bounds.coast_m(fastest)
+        """It gets no farther cut off."""
+        now, then = left + right, left_to + right_to
+        self._facing_rad = 0.0 if now + then >= 0.0 else math.pi
+        """From its heading to where it rolls."""
+        lasting_s = standing_s + fastest / bounds.coast_mps2
+        turn_rad = max(abs(right - left), abs(right_to - left_to)) * lasting_s / brake.separation_m
+        self._turn_rad = math.inf if len(turns) > 1 or now * then < 0.0 else turn_rad
+        """It turns no farther, to either side."""
+        self._braking: Way = []
+        self._coming: Way = []
+        self.brakes_asked = self.cut_off_asked = False
+
+    def ahead(self, away_x: float, away_y: float) -> float:
+        """The greatest share of its way that can lead into that direction."""
+        off = math.atan2(away_y, away_x) - self._heading_rad + self._facing_rad
+        off = abs(math.remainder(off, math.tau)) - self._turn_rad
+        return 1.0 if off <= 0.0 else math.cos(off) if off < math.pi / 2 else 0.0
+
+    def brakes(self) -> Way:
+        """All ways on which it may brake, as one."""
+        self.brakes_asked = True
+        return self._braking or self._brake()
+
+    def cut_off(self) -> Way:
+        """All ways on which it may be cut off, as one."""
+        self.cut_off_asked = True
+        return self._coming or self._come()
+
+    def prepare(self, like: "Foreseen") -> None:
+        """Have those ways ready for which that one was asked."""
+        if like.brakes_asked and not self._braking:
+            self._brake()
+        if like.cut_off_asked and not self._coming:
+            self._come()
+
+    def _brake(self) -> Way:
+        x, y, heading, bounds = self.x_m, self.y_m, self._heading_rad, self._bounds.brake
+        if self._fastest_mps < STILL_MPS:
+            way = [(x, y)]
+        else:
+            way = []
+            for left, right, left_to, right_to in self._turns:
+                way += brake_way((x, y, heading, left, right), left_to, right_to, self._reaction_s, bounds)
+        self._braking = way
+        return way
+
+    def _come(self) -> Way:
+        x, y, heading, bounds = self.x_m, self.y_m, self._heading_rad, self._bounds
+        if self._fastest_mps < STILL_MPS:
+            way = [(x, y)]
+        else:
+            way = []
+            for left, right, left_to, right_to in self._turns:
+                way += cut_way((x, y, heading, left, right), left_to, right_to, self._standing_s, bounds)
+        self._coming = way
+        return way
+
+
+class Foretold(Told):
+    """What a robot told, with all that was worked out of it for one arena."""
+
+    by_age: dict[int, Foreseen]
+    """By age steps."""
+    asked: Foreseen
+    """The last that was used."""
+
+
+def foresee(other: Neighbour, bounds: CutBounds) -> Foreseen:
+    """What a neighbour may do; out of what is known already where its message is :class:`Foretold`."""
+    x, y, vx, vy, age_s, silence_s, told = other
+    standing_s = bounds.standing_s
+    if told is not None and silence_s <= standing_s:
+        age_steps = math.ceil(silence_s / AGE_STEP_S)
+        if type(told) is not Foretold:
+            return _heard(told, age_steps, bounds)
+        found = told.asked = told.by_age.get(age_steps) or _work_out(told, age_steps, bounds)
+        return found
+    speed, heading = math.hypot(vx, vy), math.atan2(vy, vx)
+    age_s = age_s if 0.0 < age_s < MAX_AGE_S else MAX_AGE_S if age_s > 0.0 else 0.0
+    standing_s = age_s if silence_s > standing_s else standing_s + age_s
+    return Foreseen((x, y, heading), _turns(speed, told), standing_s, age_s, bounds)
+
+
+def _work_out(told: Foretold, age_steps: int, bounds: CutBounds) -> Foreseen:
+    found = told.by_age[age_steps] = _heard(told, age_steps, bounds)
+    return found
+
+
+class Foresight:
+    """The newest message of every robot heard, with all that was worked out of it."""
+
+    def __init__(self, bounds: CutBounds) -> None:
+        self._bounds = bounds
+        self._known: dict[str, tuple[NeighbourState, Foretold | None]] = {}
+
+    def told(self, state: NeighbourState) -> Foretold | None:
+        """What a message says of its sender's motion."""
+        known = self._known.get(state.robot)
+        return known[1] if known is not None and known[0] is state else self._take(state)
+
+    def _take(self, state: NeighbourState) -> Foretold | None:
+        told = None
+        if state.rims_mps is not None and state.asked_mps is not None:
+            place = (state.x_m, state.y_m, state.heading_rad)
+            told = record(Foretold, (*place, *state.rims_mps, *state.asked_mps))
+            told.by_age = {}
+        self._known[state.robot] = (state, told)
+        return told
+
+    def hear(self, state: NeighbourState, silence_s: float) -> None:
+        """Take a message before a step needs it.
+
+        :param silence_s: about its age at the next step; below 0, by a clock that is ahead, is 0.
+        """
+        _, before = self._known.get(state.robot, (state, None))
+        told = self._take(state)
+        if told is not None and before is not None:
+            self._prepare(told, max(0.0, silence_s), before)
+
+    def look_ahead(self, neighbours: Iterable[Neighbour], later_s: float) -> None:
+        """Have ready what these will be asked when that much time has passed."""
+        for *_, silence_s, told in neighbours:
+            if type(told) is Foretold:
+                self._prepare(told, silence_s + later_s, told)
+
+    def _prepare(self, told: Foretold, silence_s: float, before: Foretold) -> None:
+        """``before``: the message that was looked at in the last step."""
+        if silence_s <= self._bounds.standing_s and "asked" in vars(before):
+            age_steps = math.ceil(silence_s / AGE_STEP_S)
+            found = told.by_age.get(age_steps) or _work_out(told, age_steps, self._bounds)
+            found.prepare(before.asked)
+
+
+def _heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
+    """A robot that has told what it does, so many age steps ago."""
+    x, y, heading, left, right, left_to, right_to = told
+    age_s = AGE_STEP_S * age_steps
+    if age_s > 0.0:
+        left_to, right_to = _onward(left, left_to), _onward(right, right_to)
+    return Foreseen((x, y, heading), ((left, right, left_to, right_to),), bounds.standing_s + age_s, age_s, bounds)
+
+
+def _onward(speed_mps: float, command_mps: float) -> float:
+    """What a rim may be asked since: that it was to slow down some time ago does not say that it still is."""
+    return speed_mps if abs(command_mps) < abs(speed_mps) or speed_mps * command_mps < 0.0 else command_mps
+
+
+def _turns(speed_mps: float, told: Told | None) -> tuple[Rims, ...]:
+    """Rim speeds, measured and asked, that a robot seen at that speed may have: coasting keeps their difference."""
+    if told is None:
+        return ((speed_mps, speed_mps, speed_mps, speed_mps),)
+    found = []
+    for difference in (told.right_mps - told.left_mps, told.asked_right_mps - told.asked_left_mps):
+        half = min(speed_mps, max(-speed_mps, difference / 2))
+        found.append((speed_mps - half, speed_mps + half, speed_mps - half, speed_mps + half))
+    return tuple(found)
