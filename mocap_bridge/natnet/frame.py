@@ -29,6 +29,9 @@ _END = struct.Struct("<hi")
 _PARAMS = struct.Struct("<h")
 _FLOAT = struct.Struct("<f")
 _DOUBLE = struct.Struct("<d")
+_FRAME = int(MessageId.FRAME)
+_TAIL_BYTES = _TAIL.size
+_new = tuple.__new__
 
 
 class Frame(NamedTuple):
@@ -77,7 +80,7 @@ def _decode_usual(data: bytes) -> Frame | None:
     """
     message, size, number, count, skip = _START.unpack_from(data)
     end, offset = size + 4, 16 + skip
-    if message != MessageId.FRAME or end > len(data) or count < 0 or skip < 0 or offset + 16 > end:
+    if message != _FRAME or end > len(data) or count < 0 or skip < 0 or offset + 16 > end:
         return None
     loose, loose_bytes, count, skip = _TWO_SECTIONS.unpack_from(data, offset)
     start = offset + 16
@@ -87,20 +90,21 @@ def _decode_usual(data: bytes) -> Frame | None:
     skeletons, bones, assets, parts, count, skip = _THREE_SECTIONS.unpack_from(data, offset)
     bodies = data[start:offset]
     offset += 24 + skip
-    if skeletons or bones or assets or parts or count < 0 or skip < 0 or offset + _TAIL.size != end:
+    if skeletons or bones or assets or parts or count < 0 or skip < 0 or offset + _TAIL_BYTES != end:
         return None
     plates, a, devices, b, _, _, timestamp_s, exposure, received, transmit, sec, frac, params, tag = _TAIL.unpack_from(
         data, offset
     )
     if plates or a or devices or b or tag:
         return None
-    return Frame(number, bodies, timestamp_s, exposure, received, transmit, (sec, frac), params, 0.0)
+    # Frame(...) without its own Python call
+    return _new(Frame, (number, bodies, timestamp_s, exposure, received, transmit, (sec, frac), params, 0.0))
 
 
 def _decode_sized(data: bytes) -> Frame:
     message, size, number, count, skip = _START.unpack_from(data)
     end = size + 4
-    if message != MessageId.FRAME or end > len(data):
+    if message != _FRAME or end > len(data):
         raise Malformed("header", f"id {message}, {size} bytes announced, {len(data) - 4} came")
     offset = 16 + skip
     if count < 0 or skip < 0 or offset > end:
@@ -127,7 +131,7 @@ def _decode_sized(data: bytes) -> Frame:
 def _decode_walked(data: bytes, layout: Layout) -> Frame:
     """Layouts before 4.1, whose sections have no size."""
     message, size, number = struct.unpack_from("<HHi", data)
-    if message != MessageId.FRAME or size + 4 > len(data):
+    if message != _FRAME or size + 4 > len(data):
         raise Malformed("header", f"id {message}, {size} bytes announced, {len(data) - 4} came")
     reader = Reader(data, 8, size + 4)
     for _ in range(reader.count("marker sets", 5)):
