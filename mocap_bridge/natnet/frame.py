@@ -65,7 +65,9 @@ def decode_frame(datagram: bytes, layout: Layout) -> Frame:
     """
     try:
         sized = layout.sized
-        frame = (_decode_usual(datagram) or _decode_sized(datagram)) if sized else _decode_walked(datagram, layout)
+        if sized and (frame := _decode_usual(datagram)) is not None:
+            return frame
+        frame = _decode_sized(datagram) if sized else _decode_walked(datagram, layout)
     except struct.error:
         raise Malformed("frame", f"datagram of {len(datagram)} bytes ends inside a field") from None
     if frame.number < 0 or not 0.0 <= frame.timestamp_s < 1e10:
@@ -95,7 +97,7 @@ def _decode_usual(data: bytes) -> Frame | None:
     plates, a, devices, b, _, _, timestamp_s, exposure, received, transmit, sec, frac, params, tag = _TAIL.unpack_from(
         data, offset
     )
-    if plates or a or devices or b or tag:
+    if plates or a or devices or b or tag or number < 0 or not 0.0 <= timestamp_s < 1e10:
         return None
     # Frame(...) without its own Python call
     return _new(Frame, (number, bodies, timestamp_s, exposure, received, transmit, (sec, frac), params, 0.0))
