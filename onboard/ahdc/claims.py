@@ -41,15 +41,15 @@ class ClaimBook:
 
     def learn(self, neighbour: str, state: NeighbourState, now_s: float) -> None:
         """A neighbour's own claim and those it passes on."""
-        rumours, number = self._rumours, state.seq
+        rumours, number, me = self._rumours, state.seq, self.robot
         known = rumours.get(neighbour)
-        if known is not None and known.told.number == number:
+        if known is not None and known[0].number == number:
             return
         way_m = 0.0 if state.claim_at is None else self._way_m((state.x_m, state.y_m), state)
         own = ToldClaim(robot=neighbour, number=number, target=state.claim, left_m=metres(way_m), hops=1)
         for told in (own, *state.claims):
             robot = told.robot
-            if robot == self.robot or told.hops > CLAIM_HOPS:
+            if robot == me or told.hops > CLAIM_HOPS:
                 continue
             known = rumours.get(robot)
             if known is None or told.number > known[0].number or now_s - known[1] >= CLAIM_LIFE_S:

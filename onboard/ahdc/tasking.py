@@ -148,11 +148,13 @@ class Tasking:
 
     def _learn_from(self, name: str, state: NeighbourState, now_s: float) -> None:
         """A neighbour's new message: occupied targets, sightings and claims."""
-        memory, sightings = self.memory, state.sightings
+        memory, known = self.memory, self.memory.known
         if state.occupied:
             memory.merge(from_hex(state.occupied))
-        if sightings:
-            memory.see_all({target.index: (target.x_m, target.y_m) for target in sightings})
+        for target in state.sightings:
+            index, place = target.index, (target.x_m, target.y_m)
+            if known.get(index) != place:
+                memory.see(index, place)
         if state.cloud_seen:
             self.cloud_seen = True
         if self._field:
