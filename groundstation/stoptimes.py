@@ -1,5 +1,6 @@
 """How long a stop takes to every emulated motor, measured stop by stop on a stage."""
 
+import time
 from collections.abc import Callable, Collection, Iterator
 
 from groundstation.faultrig import LATE_S, Stage
@@ -13,6 +14,8 @@ def stops(
 ) -> Iterator[tuple[list[float], list[float]]]:
     """(motor zero, acknowledgement) in ms of every robot not named in ``but``, stop by stop.
 
+    A station that speaks again after its silence lets robots on hold go on: what motors do from then on does not count.
+
     :param how: stops the swarm and tells since when, ns.
     :raises ValueError: a robot never heard a zero.
     """
@@ -22,9 +25,11 @@ def stops(
         stage.forget()
         since_ns = how(stage)
         stage.watch(REST_S)
+        until_ns = time.monotonic_ns()
         stage.repair()
         stage.watch(LATE_S)
-        zeros = [zero_after_s(stage.samples.get(name, ()), since_ns) for name in robots]
+        heard = ([s for s in stage.samples.get(name, ()) if s.stamp_ns < until_ns] for name in robots)
+        zeros = [zero_after_s(samples, since_ns) for samples in heard]
         if None in zeros:
             raise ValueError(f"{robots[zeros.index(None)]} never heard a zero")
         answers = [stage.acknowledged_ns.get((name, stage.stop_id), since_ns) for name in robots]
