@@ -1,6 +1,5 @@
 """How long a stop takes to every emulated motor, measured stop by stop on a stage."""
 
-import time
 from collections.abc import Callable, Collection, Iterator
 
 from groundstation.faultrig import LATE_S, Stage
@@ -25,7 +24,7 @@ def stops(
         stage.forget()
         since_ns = how(stage)
         stage.watch(REST_S)
-        until_ns = time.monotonic_ns()
+        until_ns = stage.link.now_ns()
         stage.repair()
         stage.watch(LATE_S)
         heard = ([s for s in stage.samples.get(name, ()) if s.stamp_ns < until_ns] for name in robots)
