@@ -14,6 +14,7 @@ from contract.arena import ArenaError
 from contract.messages import RobotReport
 from contract.tables import Fault
 from groundstation import rig, runfolder
+from groundstation.files import RECORDING
 from groundstation.fleet_operator import FleetError, Operator
 from groundstation.fleet_rig import FleetRig, Protocol, fleet_arena
 from groundstation.netns import NamespaceError
@@ -75,7 +76,7 @@ def row_of(folder: Path, protocol: str, weather: Weather, released: int) -> Row:
     metrics = runfolder.read(folder).metrics
     if metrics is None:
         raise FleetError(f"{folder}: no mission in the recording")
-    messages = (entry.message for entry in Recording(folder / "run.mcap").messages())
+    messages = (entry.message for entry in Recording(folder / RECORDING).messages())
     return Row(
         protocol=protocol,
         loss=weather.loss,

@@ -23,6 +23,7 @@ from contract.arena import Arena, digest, load
 from contract.codec import WireError, decode
 from contract.keys import Keys
 from contract.messages import LogEntry, TargetCloud
+from groundstation.files import RECORDING
 from groundstation.link import Link, LinkError
 from groundstation.provenance import files, software
 from groundstation.recording import CONFIG
@@ -35,7 +36,6 @@ QUEUE = 200_000
 MAX_PENDING_BYTES = 64 << 20
 LOW_DISK_BYTES = 500 << 20
 LOW_DISK_S = 600.0
-NAME = "run.mcap"
 
 
 class Intake(Link):
@@ -69,7 +69,7 @@ class Reel:
 
     def __init__(self, out: Path, arena: Arena, config: bytes, clock: Callable[[], int] = time.monotonic_ns) -> None:
         """:param clock: site time."""
-        self.tape = Tape(out / NAME, arena, config, clock)
+        self.tape = Tape(out / RECORDING, arena, config, clock)
         self._clock = clock
         self.troubles: list[str] = []
         """Of the recordings that are finished."""
@@ -112,7 +112,7 @@ class Reel:
         folder.mkdir(parents=True)
         try:
             (folder / CONFIG).write_bytes(self._config)
-            return Tape(folder / NAME, self.tape.arena, self._config, self._clock)
+            return Tape(folder / RECORDING, self.tape.arena, self._config, self._clock)
         except OSError:
             shutil.rmtree(folder, ignore_errors=True)
             raise
@@ -275,7 +275,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="DIR",
-        help=f"run folder; the recording is DIR/{NAME}, that of a repeated mission DIR-2/{NAME}",
+        help=f"run folder; the recording is DIR/{RECORDING}, that of a repeated mission DIR-2/{RECORDING}",
     )
 
 
@@ -287,7 +287,7 @@ def run(args: argparse.Namespace) -> int:
     intake = Intake(arena)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
-        set_aside(args.out / NAME)
+        set_aside(args.out / RECORDING)
         with intake:
             return _record(Reel(args.out, arena, args.arena.read_bytes(), intake.now_ns), intake, lambda: bool(going))
     except OSError as error:

@@ -20,7 +20,8 @@ from contract.arena import Arena, parse, table_of
 from contract.codec import encode
 from contract.keys import Keys
 from contract.messages import RunStatus, TargetCloud
-from groundstation.recorder import COMMIT_S, NAME, Reel
+from groundstation.files import RECORDING
+from groundstation.recorder import COMMIT_S, Reel
 from groundstation.recording import Recording, RecordingError
 from groundstation.recover import recover
 from groundstation.rig import free_ports, write_config
@@ -188,11 +189,11 @@ def test_the_first_messages_are_on_the_disk_at_once(tmp_path: Path) -> None:
     arena = arena_of()
     write_config(arena, tmp_path / "config.toml")
     reel = Reel(tmp_path, arena, (tmp_path / "config.toml").read_bytes())
-    assert not list(Recording(tmp_path / NAME).messages())
+    assert not list(Recording(tmp_path / RECORDING).messages())
     reel.write([(KEYS.targets, encode(TargetCloud(mission="a", targets=())), 1)], 0)
-    assert len(list(Recording(tmp_path / NAME).messages())) == 1, "though no second has passed"
+    assert len(list(Recording(tmp_path / RECORDING).messages())) == 1, "though no second has passed"
     reel.write([(KEYS.targets, encode(TargetCloud(mission="a", targets=())), 2)], 0)
-    assert len(list(Recording(tmp_path / NAME).messages())) == 1
+    assert len(list(Recording(tmp_path / RECORDING).messages())) == 1
     reel.tape.close(0)
 
 
@@ -218,4 +219,4 @@ def test_a_run_for_which_there_is_no_room_leaves_no_folder_and_goes_into_the_one
     assert os.listdir(tmp_path) == ["lab"]
     assert len(os.listdir("/proc/self/fd")) == descriptors
     reel.tape.close(0)
-    assert len(list(Recording(out / NAME).messages())) == 3
+    assert len(list(Recording(out / RECORDING).messages())) == 3
