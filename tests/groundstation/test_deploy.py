@@ -1,7 +1,9 @@
 """Deployment without a robot: checks, wheels, plans and courses as data, then the real scripts below a folder."""
 
 import hashlib
+import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.metadata import PathDistribution
@@ -358,6 +360,9 @@ class Computer:
         return (self.base / "current").resolve().name
 
 
+@pytest.mark.skipif(
+    shutil.which("rsync") is None and "CI" not in os.environ, reason="copies with rsync: apt-get install rsync"
+)
 def test_install_upgrade_failure_tampering_and_removal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     computer = Computer(tmp_path, monkeypatch)
     wheel = fake_kit(tmp_path, "arena=abc")
