@@ -23,6 +23,7 @@ from onboard.ahdc.controller import Controller
 from onboard.ahdc.parameters import from_arena, record
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.view import View
+from onboard.asked import Asked
 from onboard.expected import slowest
 from onboard.failsafes import Conditions
 from onboard.guard import Guard
@@ -93,7 +94,7 @@ class Agent:
         self._loop_ns = 0
         self._verdict: Verdict | None = None
         self._drive = Drive(False, 0.0, 0.0)
-        self._commanded = (0.0, 0.0)
+        self._asked = Asked()
         self._last: Stepped | None = None
         self._write_ns = 0
         self._state_key = Keys(arena.arena.name).state(robot)
@@ -142,6 +143,7 @@ class Agent:
             return
         self._feedback = sample
         self._odometry.record(sample.stamp_ns, left, right)
+        self._asked.feedback(sample.stamp_ns)
         self._motion.feedback(sample.stamp_ns, left, right)
         self._jump.feedback(sample.stamp_ns, left, right)
         self._account.sample(sample)
@@ -201,15 +203,15 @@ class Agent:
             self.controller.think(view)
         if self._going_home:
             self.homing.aside = self.supervisor.aside
-            decision = self.homing.decide(view, self._commanded)
+            decision = self.homing.decide(view, self._asked.latest)
         else:
             decision = self.controller.act(view)
         doubtful = self.sensing.doubtful(now_ns, self.supervisor.excluded)
-        left, right, waits = self._guard.limited(decision, pose, rims, sighted, heard, doubtful)
+        asked = self._asked.standing(now_ns)
+        left, right, waits = self._guard.limited(decision, pose, rims, asked, sighted, heard, doubtful)
         if not (verdict.may_move and verdict.enable):
             left = right = 0.0
-        self._commanded = (left, right)
-        self._motion.command(left, right)
+        self._command(left, right)
         self._drive = record(Drive, (verdict.enable, left / self._radius_m, right / self._radius_m))
         self.pacing.stepped(now_ns)
         self._last = record(Stepped, (view, self.reception.frame, now_ns, waits))
@@ -249,7 +251,8 @@ class Agent:
         if own is not None and now_ns >= self._next_state_ns:
             self._next_state_ns = next_ns(self._next_state_ns, self._state_period_ns, now_ns)
             motion = Motion(*self._odometry.predict(own[0], own[1], now_ns), *self._odometry.rims)
-            out.append((self._state_key, self.controller.announce(motion, now_ns, *self._commanded)))
+            asked = self._asked.standing(now_ns)
+            out.append((self._state_key, self.controller.announce(motion, now_ns, *self._asked.latest, asked)))
         if verdict is not None and account.report_due(verdict, now_ns):
             pose_valid, faulty, sample = self._pose[0], bool(self._driver_fault[0]), self._feedback
             out += account.report(now_ns, verdict, pose_valid, sample, faulty, self._task(), self.controller)
@@ -347,7 +350,10 @@ class Agent:
         return "helping" if tasking.helping else tasking.task.value
 
     def _rest(self, verdict: Verdict) -> Drive:
-        self._commanded = (0.0, 0.0)
-        self._motion.command(0.0, 0.0)
+        self._command(0.0, 0.0)
         self._drive = Drive(verdict.enable, 0.0, 0.0)
         return self._drive
+
+    def _command(self, left_mps: float, right_mps: float) -> None:
+        self._asked.command(left_mps, right_mps)
+        self._motion.command(left_mps, right_mps)

@@ -21,6 +21,8 @@ AGED_MPS = 0.1
 """Ways stay farther apart by this for each second since the other robot was heard: it has chosen anew."""
 AGE_STEP_S = 0.03
 """Ages of messages are rounded up to this, so that what is worked out of one serves for some steps."""
+ALIKE_MPS = 0.03
+"""Turns of which the rims' difference differs by less are one."""
 STILL_MPS = 0.005
 """A robot no faster than this is where it is."""
 
@@ -54,18 +56,18 @@ class Foreseen:
         self._reaction_s = reaction_s = brake.reaction_s + age_s
         self.apart_m = bounds.contact_m + AGED_MPS * age_s
         """Its ways and those of others stay so far apart."""
-        left, right, left_to, right_to = turns[0]
-        self._fastest_mps = fastest = max(abs(left), abs(right), abs(left_to), abs(right_to))
+        self._fastest_mps = fastest = max(max(map(max, turns)), -min(map(min, turns)))
         self.stop_m = fastest * reaction_s + stop_m(fastest, brake.deceleration_mps2[0], brake.lag_s[1])
         """It gets no farther braking."""
         self.cut_m = fastest * standing_s + bounds.coast_m(fastest)
         """It gets no farther cut off."""
-        now, then = left + right, left_to + right_to
-        self._facing_rad = 0.0 if now + then >= 0.0 else math.pi
+        rolls = [roll for left, right, left_to, right_to in turns for roll in (left + right, left_to + right_to)]
+        self._facing_rad = 0.0 if sum(rolls) >= 0.0 else math.pi
         """From its heading to where it rolls."""
         lasting_s = standing_s + fastest / bounds.coast_mps2
-        turn_rad = max(abs(right - left), abs(right_to - left_to)) * lasting_s / brake.separation_m
-        self._turn_rad = math.inf if len(turns) > 1 or now * then < 0.0 else turn_rad
+        most_mps = max(max(abs(right - left), abs(right_to - left_to)) for left, right, left_to, right_to in turns)
+        turn_rad = most_mps * lasting_s / brake.separation_m
+        self._turn_rad = turn_rad if min(rolls) >= 0.0 or max(rolls) <= 0.0 else math.inf
         """It turns no farther, to either side."""
         self._braking: Way = []
         self._coming: Way = []
@@ -193,12 +195,26 @@ class Foresight:
 
 
 def _heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
-    """A robot that has told what it does, so many age steps ago."""
+    """A robot that has told what it does, so many age steps ago.
+
+    It may do what it was asked; have been asked anew since; or not have heard what it was asked, and keep the turn that
+    its wheels have.
+    """
     x, y, heading, left, right, left_to, right_to = told
     age_s = AGE_STEP_S * age_steps
+    turns: list[Rims] = [(left, right, left_to, right_to)]
     if age_s > 0.0:
-        left_to, right_to = _onward(left, left_to), _onward(right, right_to)
-    return Foreseen((x, y, heading), ((left, right, left_to, right_to),), bounds.standing_s + age_s, age_s, bounds)
+        onward = (left, right, _onward(left, left_to), _onward(right, right_to))
+        turns = [turns[0], onward] if _apart(onward, turns[0]) else [onward]
+    kept = (left, right, left, right)
+    if all(_apart(kept, turn) for turn in turns):
+        turns.append(kept)
+    return Foreseen((x, y, heading), tuple(turns), bounds.standing_s + age_s, age_s, bounds)
+
+
+def _apart(one: Rims, other: Rims) -> bool:
+    """Whether these lead to different turns."""
+    return abs((one[3] - one[2]) - (other[3] - other[2])) > ALIKE_MPS
 
 
 def _onward(speed_mps: float, command_mps: float) -> float:

@@ -21,8 +21,6 @@ class Guard:
         self._cut_bounds = cut_bounds(arena)
         self._separation_m = arena.platform.wheel_separation_m
         self._max_speed_mps = arena.control.max_speed_mps
-        self._asked = (0.0, 0.0)
-        """Rim speeds of the last command."""
         self._foresight = Foresight(self._cut_bounds)
         self._around: list[Neighbour] = []
         """The neighbours of the last command."""
@@ -36,6 +34,7 @@ class Guard:
         decision: Decision,
         pose: Pose,
         rims_mps: tuple[float, float],
+        asked_mps: tuple[float, float],
         sighted: Mapping[str, Sighted],
         heard: Mapping[str, Heard],
         doubtful: Iterable[Neighbour] = (),
@@ -44,6 +43,7 @@ class Guard:
 
         :param pose: own, dead-reckoned to now.
         :param rims_mps: measured.
+        :param asked_mps: rim speeds that the wheels have been asked so far, and that others are told.
         :param doubtful: places where robots may be as well.
         """
         left, right, waits = decision
@@ -57,8 +57,8 @@ class Guard:
             around.append(record(Neighbour, (x, y, vx, vy, age_s, silence_s, told)))
         speed, turn = unicycle.body(left, right, self._separation_m)
         speed, turn, limited_by = limit(speed, turn, pose, rims_mps, around, self.bounds)
-        speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, self._asked, around, self._cut_bounds)
-        left, right = self._asked = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
+        speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, asked_mps, around, self._cut_bounds)
+        left, right = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
         return left, right, cut_by or limited_by or waits
 
     def hear(self, state: NeighbourState, age_s: float) -> None:

@@ -153,8 +153,13 @@ class Controller:
             }
         return self._link_states
 
-    def announce(self, motion: Motion, stamp_ns: int, left_mps: float, right_mps: float) -> NeighbourState:
-        """The state message for this moment, given the rim speeds really commanded."""
+    def announce(
+        self, motion: Motion, stamp_ns: int, left_mps: float, right_mps: float, asked_mps: tuple[float, float]
+    ) -> NeighbourState:
+        """The state message for this moment, given the rim speeds really commanded.
+
+        :param asked_mps: those that the wheels follow if nothing else reaches them.
+        """
         tasking = self.tasking
         x, y, heading, left, right = motion
         long, short = self.planner.stop_points(motion, left_mps, right_mps)
@@ -180,7 +185,7 @@ class Controller:
             stop_long=(metres(long[0]), metres(long[1])),
             stop_short=(metres(short[0]), metres(short[1])),
             rims_mps=(metres(left), metres(right)),
-            asked_mps=(metres(left_mps), metres(right_mps)),
+            asked_mps=(metres(asked_mps[0]), metres(asked_mps[1])),
             moving=not still,
             mission=self.mission,
             task="helping" if tasking.helping else tasking.task.value,

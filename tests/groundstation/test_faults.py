@@ -53,7 +53,7 @@ def test_a_row(name: str) -> None:
     assert outcome.faults == ()
 
 
-CASES = (("motion capture: swap", 1596625896),)
+CASES = (("motion capture: swap", 1596625896), ("wheels: bus-off (odrive)", 536467829))
 """Of longer runs that once ended badly."""
 
 

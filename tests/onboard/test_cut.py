@@ -10,7 +10,7 @@ from onboard.ahdc.stopping import Brake, rim_after
 from onboard.courses import cut_way
 from onboard.cut import limit_cut
 from onboard.limits import Neighbour, Told, limit
-from tests.onboard.cut_adversary import BOUNDS, BRAKE, DIAMETER_M, flight, search
+from tests.onboard.cut_adversary import BOUNDS, BRAKE, DIAMETER_M, FaultKind, flight, search
 
 speeds = st.floats(-0.8, 0.8)
 places = st.tuples(st.floats(0, 4), st.floats(0, 5), st.floats(-math.pi, math.pi))
@@ -104,14 +104,22 @@ def test_a_silent_neighbour_is_expected_to_coast_not_to_brake() -> None:
         assert limit_cut(0.6, 0.0, HERE, (0.3, 0.3), (0.3, 0.3), [coming], BOUNDS).v_mps < braking.v_mps
 
 
-@pytest.mark.parametrize("oldest_s", [0.0, 0.08])
-def test_nobody_is_touched_when_one_of_two_or_three_robots_is_cut_off(oldest_s: float) -> None:
-    assert search(1, 14, oldest_s)[0][0] >= DIAMETER_M
+@pytest.mark.parametrize(("oldest_s", "fault"), [(0.0, "hung"), (0.08, "hung"), (0.0, "unheard"), (0.08, "deaf")])
+def test_nobody_is_touched_when_one_of_two_or_three_robots_is_cut_off(oldest_s: float, fault: FaultKind) -> None:
+    assert search(1, 14, oldest_s, fault=fault)[0][0] >= DIAMETER_M
 
 
-@pytest.mark.parametrize("seed", [10084, 50587, 80002, 80069])
-def test_flights_that_once_ended_in_contact_do_not(seed: int) -> None:
-    least = flight(seed, 0.08)
+@pytest.mark.parametrize(
+    ("seed", "oldest_s", "fault"),
+    [
+        *[(seed, 0.08, "hung") for seed in (10084, 50587, 80002, 80069)],
+        *[(seed, 0.0, "unheard") for seed in (5263, 5234)],
+        (5296, 0.08, "unheard"),
+        (5296, 0.08, "deaf"),
+    ],
+)
+def test_flights_that_once_ended_in_contact_do_not(seed: int, oldest_s: float, fault: FaultKind) -> None:
+    least = flight(seed, oldest_s, fault=fault)
     assert least is not None
     assert least >= DIAMETER_M
 

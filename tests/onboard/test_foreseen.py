@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import onboard.foreseen
 from contract.messages import NeighbourState
+from onboard.courses import cut_way
 from onboard.cut import PIVOT_M, limit_cut
 from onboard.foreseen import AGE_STEP_S, Foresight, Foretold, foresee
 from onboard.hulls import least
@@ -100,6 +101,25 @@ def test_a_message_too_old_to_be_trusted_is_not_looked_ahead() -> None:
     foresight.look_ahead([before], 0.02)
     assert type(before.told) is Foretold
     assert list(before.told.by_age) == [math.ceil(0.21 / AGE_STEP_S)]
+
+
+def test_it_may_do_what_it_was_asked_or_what_its_wheels_do_or_have_been_asked_anew() -> None:
+    place, rims = (0.5, 0.0, math.pi), (0.5, 0.6)
+
+    def came(asked: tuple[float, float], silence_s: float, *to: tuple[float, float]) -> None:
+        told = Told(*place, *rims, *asked)
+        age_s = AGE_STEP_S * math.ceil(silence_s / AGE_STEP_S)
+        ways = [cut_way((*place, *rims), *command, BOUNDS.standing_s + age_s, BOUNDS) for command in to]
+        assert foresee(neighbour(told, silence_s), BOUNDS).cut_off() == [point for way in ways for point in way]
+
+    came((0.6, 0.65), 0.0, (0.6, 0.65), rims)
+    came((0.6, 0.7), 0.0, (0.6, 0.7))
+    came((0.6, 0.7), 0.02, (0.6, 0.7))
+    came((0.3, 0.7), 0.0, (0.3, 0.7), rims)
+    came((0.3, 0.7), 0.02, (0.3, 0.7), (0.5, 0.7), rims)
+    came((0.3, 0.4), 0.02, rims)
+    came((0.3, 0.45), 0.02, (0.3, 0.45), rims)
+    came((-0.3, 0.6), 0.02, (-0.3, 0.6), rims)
 
 
 @given(messages, ages, st.floats(-4, 4))

@@ -6,6 +6,8 @@ import pytest
 
 from contract.messages import LinkMessage, NeighbourState, TransactionId, WheelFeedback
 from onboard.ahdc.links import ON, LinkTable
+from onboard.asked import DOUBT_NS, Asked
+from onboard.guard import Guard
 from onboard.odometry import BASE_NS, STALE_NS, Odometry, Pose, advance
 from tests.onboard.test_agent import PERIOD_NS, Stage
 
@@ -84,6 +86,51 @@ def test_a_robot_at_rest_does_not_tell_the_speed_that_its_wheels_had_when_they_f
     told = states(stage)[-1]
     assert (told.vx_mps, told.vy_mps, told.moving) == (0.0, 0.0, False)
     assert told.stop_long == told.stop_short == (told.x_m, told.y_m) == (0.5, 0.5)
+
+
+def test_what_stands_is_what_silent_wheels_were_asked_when_they_were_heard_last() -> None:
+    asked = Asked()
+    assert asked.standing(5 * DOUBT_NS) == (0.0, 0.0)
+    asked.command(0.1, 0.2)
+    asked.feedback(1000)
+    asked.command(0.3, 0.4)
+    assert (asked.latest, asked.standing(1000 + DOUBT_NS)) == ((0.3, 0.4), (0.3, 0.4))
+    assert asked.standing(1001 + DOUBT_NS) == (0.1, 0.2)
+    asked.feedback(1000)
+    assert asked.standing(1001 + DOUBT_NS) == (0.1, 0.2), "the same sample, heard again"
+    asked.feedback(1001)
+    asked.command(0.5, 0.6)
+    assert asked.standing(1001 + DOUBT_NS) == (0.5, 0.6)
+    assert asked.standing(1002 + DOUBT_NS) == (0.3, 0.4)
+
+
+def test_a_robot_tells_its_neighbours_and_its_own_limits_what_its_wheels_can_have_heard(monkeypatch) -> None:
+    stage = Silent({"r02": (0.9, 0.5)})
+    stage.start()
+    limited: list[tuple[float, float]] = []
+    limit = Guard.limited
+
+    def noted(self, decision, pose, rims, asked, *around):
+        limited.append(asked)
+        return limit(self, decision, pose, rims, asked, *around)
+
+    monkeypatch.setattr(Guard, "limited", noted)
+    stage.silent = True
+    stage.said.clear()
+    stage.run(40)
+    told = [state.asked_mps for state in states(stage)]
+    assert told[0] not in (None, (0.0, 0.0))
+    assert stage.drives[-1].left_radps == 0.0, "it holds, for nothing is heard of its wheels"
+    assert len({asked for asked in told if asked != told[-1]}) >= 1, "at first what it commands"
+    last = told[-1]
+    assert last is not None
+    assert last == pytest.approx(limited[-1], abs=1e-5)
+    assert last != (0.0, 0.0)
+    since = int(DOUBT_NS / PERIOD_NS) + 2
+    assert set(limited[since:]) == {limited[-1]}
+    stage.silent = False
+    stage.run(4)
+    assert states(stage)[-1].asked_mps != last
 
 
 def linked() -> Silent:
