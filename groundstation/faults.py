@@ -7,7 +7,7 @@ import argparse
 import math
 import random
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ def play(row: Row, seed: int) -> Outcome:
     speed = abs(before.left_radps + before.right_radps) / 2 * world.arena.platform.wheel_radius_m
     fault_ns = world.now_ns
     row.inject(world, victim)
-    watched = _watch(world, victim, at_s)
+    watched = _watch(world, victim, at_s, hopeless=row.action == "named")
     zero_s = zero_after_s(wire.emulated.samples(victim), fault_ns, row.resumes, row.turning)
     outcome = Outcome(
         row=row.name,
@@ -74,11 +74,15 @@ def play(row: Row, seed: int) -> Outcome:
     return msgspec.structs.replace(outcome, faults=tuple(judge(row, outcome, allowed_m(row, world.arena))))
 
 
-def _watch(world: World, victim: str, at_s: float) -> _Watch:
-    """Play on, with an eye on the victim's body and on the others' network."""
+def _watch(world: World, victim: str, at_s: float, hopeless: bool = False) -> _Watch:
+    """Play on, with an eye on the victim's body and on the others' network.
+
+    :param hopeless: no program can keep the victim where it is, so those that hang together by it alone may part.
+    """
     wire = wire_of(world)
     others = [name for name in world.agents if name != victim]
     whole = connected(world, others) and connected(world, list(world.agents))
+    whole = whole and not (hopeless and not linked(world, others))
     place = world.hops.pose(victim)[:2]
     rolled, rest_s, split = 0.0, None, False
     spoken: list[str] = []
@@ -98,12 +102,22 @@ def _watch(world: World, victim: str, at_s: float) -> _Watch:
 
 
 def connected(world: World, names: Sequence[str]) -> bool:
-    """Whether these robots alone are one piece."""
+    """Whether these robots alone are one piece: by who is within r_c of whom."""
     places = {name: world.hops.pose(name)[:2] for name in names}
+    return _one_piece(names, lambda a, b: math.dist(places[a], places[b]) <= world.radius_m)
+
+
+def linked(world: World, names: Sequence[str]) -> bool:
+    """Whether these robots alone are one piece: by the links that both ends enforce."""
+    held = {name: world.agents[name].controller.link_states() for name in names}
+    return _one_piece(names, lambda a, b: a in held[b] and b in held[a])
+
+
+def _one_piece(names: Sequence[str], together: Callable[[str, str], bool]) -> bool:
     inside, frontier = {names[0]}, [names[0]]
     while frontier:
         first = frontier.pop()
-        near = [n for n in names if n not in inside and math.dist(places[first], places[n]) <= world.radius_m]
+        near = [name for name in names if name not in inside and together(first, name)]
         inside.update(near)
         frontier += near
     return len(inside) == len(names)

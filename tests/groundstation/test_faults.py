@@ -14,7 +14,7 @@ from groundstation.faultpage import markdown, percentiles
 from groundstation.faultreal import REAL_ROWS, judged
 from groundstation.faultrig import Place, rest_s, rolled_m, unreadable
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
-from groundstation.faults import play
+from groundstation.faults import connected, linked, play
 from groundstation.faultwords import judge, zero_after_s
 from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
@@ -53,13 +53,27 @@ def test_a_row(name: str) -> None:
     assert outcome.faults == ()
 
 
-CASES = (("motion capture: swap", 1596625896), ("wheels: bus-off (odrive)", 536467829))
+CASES = (
+    ("motion capture: swap", 1596625896),
+    ("wheels: bus-off (odrive)", 536467829),
+    ("wheels: encoders stand still (odrive)", 798359651),
+)
 """Of longer runs that once ended badly."""
 
 
 @pytest.mark.parametrize(("name", "seed"), CASES)
 def test_what_once_ended_badly(name: str, seed: int) -> None:
     assert play(BY_NAME[name], seed).faults == ()
+
+
+def test_robots_are_in_one_piece_by_their_places_before_they_are_by_their_links() -> None:
+    world = World(arena_for(Job(3, 19, 1, "field", "field", 60.0)), scenario(3, 19, 1), FIELD, 1, 60.0)
+    names = list(world.agents)
+    assert (connected(world, names), linked(world, names)) == (True, False)
+    world.until(1.0)
+    assert (connected(world, names), linked(world, names)) == (True, True)
+    world.agents[names[0]].controller.release()
+    assert not linked(world, names[:2]), "both ends count"
 
 
 def test_a_fault_at_the_same_moment_is_the_same_fault() -> None:
