@@ -25,7 +25,8 @@ where it decoded nothing any more. A fault that only turning wheels show (supply
 deadline while the robot rests on a target. *Rolled* is the way of the victim's body after the fault. A run is good if
 both stay within their bounds, the body comes to rest, nobody collides, the other robots' network stays whole, the robot
 is left in the run state of its action, and a failsafe of that row speaks. *Named*: no program can stop these motors (a
-stop switch can); the robot must say so and end as `fault`, and others that only its links hold together may part.
+stop switch can); the robot must say so and end as `fault`, and others that only its links hold together by then may
+part.
 
 ## In lockstep
 

@@ -77,12 +77,12 @@ def play(row: Row, seed: int) -> Outcome:
 def _watch(world: World, victim: str, at_s: float, hopeless: bool = False) -> _Watch:
     """Play on, with an eye on the victim's body and on the others' network.
 
-    :param hopeless: no program can keep the victim where it is, so those that hang together by it alone may part.
+    :param hopeless: no program can keep the victim where it is, so those that hang together by it alone when it says so
+        may part.
     """
     wire = wire_of(world)
     others = [name for name in world.agents if name != victim]
-    whole = connected(world, others) and connected(world, list(world.agents))
-    whole = whole and not (hopeless and not linked(world, others))
+    whole = connected(world, others) and connected(world, list(world.agents)) and not hopeless
     place = world.hops.pose(victim)[:2]
     rolled, rest_s, split = 0.0, None, False
     spoken: list[str] = []
@@ -97,6 +97,8 @@ def _watch(world: World, victim: str, at_s: float, hopeless: bool = False) -> _W
         split = split or (whole and not connected(world, others) and not connected(world, list(world.agents)))
         verdict = world.agents[victim].verdict
         if verdict is not None and verdict.failsafe and verdict.failsafe not in spoken:
+            if hopeless and not spoken:
+                whole = connected(world, others) and linked(world, others)
             spoken.append(verdict.failsafe)
     return _Watch(rest_s, rolled, tuple(spoken), split)
 
@@ -108,9 +110,9 @@ def connected(world: World, names: Sequence[str]) -> bool:
 
 
 def linked(world: World, names: Sequence[str]) -> bool:
-    """Whether these robots alone are one piece: by the links that both ends enforce."""
+    """Whether these robots alone are one piece: by the links that neither end is offering or giving up."""
     held = {name: world.agents[name].controller.link_states() for name in names}
-    return _one_piece(names, lambda a, b: a in held[b] and b in held[a])
+    return _one_piece(names, lambda a, b: held[a].get(b) == "on" == held[b].get(a))
 
 
 def _one_piece(names: Sequence[str], together: Callable[[str, str], bool]) -> bool:

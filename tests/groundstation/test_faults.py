@@ -57,6 +57,7 @@ CASES = (
     ("motion capture: swap", 1596625896),
     ("wheels: bus-off (odrive)", 536467829),
     ("wheels: encoders stand still (odrive)", 798359651),
+    ("wheels: encoders stand still (odrive)", 1381652169),
 )
 """Of longer runs that once ended badly."""
 
