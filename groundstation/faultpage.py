@@ -21,12 +21,12 @@ HEAD = """# Fault matrix
 
 Written by `ahdc-groundstation faults --repetitions N --progress DIR --markdown docs/fault-matrix.md`. *Zero* is the
 time from the fault to the last stretch of zero setpoints or released motors that the emulated controller decoded; -
-where it decoded nothing any more. A fault that only turning wheels show (supply cut, jammed, encoders backwards) has no
-deadline while the robot rests on a target. *Rolled* is the way of the victim's body after the fault. A run is good if
-both stay within their bounds, the body comes to rest, nobody collides, the other robots' network stays whole, the robot
-is left in the run state of its action, and a failsafe of that row speaks. *Named*: no program can stop these motors (a
-stop switch can); the robot must say so and end as `fault`, and others that only its links hold together by then may
-part.
+where it decoded nothing any more. A fault that only turning wheels show (supply cut, jammed, encoders backwards) has
+no deadline while none is asked to turn faster than `safety.motion_way_m` within `safety.motion_window_s` can tell.
+*Rolled* is the way of the victim's body after the fault. A run is good if both stay within their bounds, the body
+comes to rest, nobody collides, the other robots' network stays whole, the robot is left in the run state of its
+action, and a failsafe of that row speaks. *Named*: no program can stop these motors (a stop switch can); the robot
+must say so and end as `fault`, and others that only its links hold together by then may part.
 
 ## In lockstep
 

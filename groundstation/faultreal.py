@@ -13,7 +13,7 @@ from groundstation import rig
 from groundstation.faultkept import Kept
 from groundstation.faultrig import LATE_S, TRIES, Stage, StageError, rest_s, rolled_m, unreadable
 from groundstation.faultrows import AGE_S, SHOWN_BY_TURNING, TURN_S, Action, Outcome, Row, allowed_m
-from groundstation.faultwords import judge, zero_after_s
+from groundstation.faultwords import gentle_radps, judge, zero_after_s
 from groundstation.link import Link
 
 ROBOTS = 3
@@ -174,7 +174,8 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     else:
         end_ns = injected_ns if row.resumes else until_ns
         places = [place for place in places if place.stamp_ns < end_ns]
-    zero_s = None if row.blind else zero_after_s(samples, since_ns, row.resumes, row.turning)
+    gentle = gentle_radps(row, stage.arena)
+    zero_s = None if row.blind else zero_after_s(samples, since_ns, row.resumes, gentle)
     outcome = Outcome(
         row=row.name,
         seed=seed,

@@ -19,7 +19,7 @@ from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown
 from groundstation.faultreal import REAL_ROWS
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
-from groundstation.faultwords import judge, zero_after_s
+from groundstation.faultwords import gentle_radps, judge, zero_after_s
 from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
@@ -28,6 +28,8 @@ ROBOTS, TARGETS = 3, 19
 FIRST_S, LAST_S = 0.5, 3.0
 """Faults come at a random moment between these, of the mission."""
 WATCH_S = 2.5
+LONGEST_S = 10.0
+"""A fault that only turning wheels show is looked at until it has shown, but no longer than this."""
 STEP_S = 0.01
 REST_MPS = 0.01
 
@@ -55,8 +57,8 @@ def play(row: Row, seed: int) -> Outcome:
     speed = abs(before.left_radps + before.right_radps) / 2 * world.arena.platform.wheel_radius_m
     fault_ns = world.now_ns
     row.inject(world, victim)
-    watched = _watch(world, victim, at_s, hopeless=row.action == "named")
-    zero_s = zero_after_s(wire.emulated.samples(victim), fault_ns, row.resumes, row.turning)
+    watched = _watch(world, row, victim, at_s)
+    zero_s = zero_after_s(wire.emulated.samples(victim), fault_ns, row.resumes, gentle_radps(row, world.arena))
     outcome = Outcome(
         row=row.name,
         seed=seed,
@@ -74,32 +76,34 @@ def play(row: Row, seed: int) -> Outcome:
     return msgspec.structs.replace(outcome, faults=tuple(judge(row, outcome, allowed_m(row, world.arena))))
 
 
-def _watch(world: World, victim: str, at_s: float, hopeless: bool = False) -> _Watch:
+def _watch(world: World, row: Row, victim: str, at_s: float) -> _Watch:
     """Play on, with an eye on the victim's body and on the others' network.
 
-    :param hopeless: no program can keep the victim where it is, so those that hang together by it alone when it says so
-        may part.
+    Where no program can keep the victim where it is, those that hang together by it alone when it says so may part.
     """
     wire = wire_of(world)
+    hopeless = row.action == "named"
     others = [name for name in world.agents if name != victim]
     whole = connected(world, others) and connected(world, list(world.agents)) and not hopeless
     place = world.hops.pose(victim)[:2]
     rolled, rest_s, split = 0.0, None, False
     spoken: list[str] = []
-    for step in range(round(WATCH_S / STEP_S)):
-        world.until(at_s + (step + 1) * STEP_S)
+    for step in range(1, round(LONGEST_S / STEP_S) + 1):
+        world.until(at_s + step * STEP_S)
         now = world.hops.pose(victim)[:2]
         rolled += math.dist(place, now)
         place = now
         left, right = wire.emulated.speeds(victim)
         rest = max(abs(left), abs(right)) * world.arena.platform.wheel_radius_m < REST_MPS
-        rest_s = None if not rest else (step + 1) * STEP_S if rest_s is None else rest_s
+        rest_s = None if not rest else step * STEP_S if rest_s is None else rest_s
         split = split or (whole and not connected(world, others) and not connected(world, list(world.agents)))
         verdict = world.agents[victim].verdict
         if verdict is not None and verdict.failsafe and verdict.failsafe not in spoken:
             if hopeless and not spoken:
                 whole = connected(world, others) and linked(world, others)
             spoken.append(verdict.failsafe)
+        if step * STEP_S >= WATCH_S and not (row.turning and world.agents[victim].run_state not in row.ends):
+            break
     return _Watch(rest_s, rolled, tuple(spoken), split)
 
 

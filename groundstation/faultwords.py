@@ -2,28 +2,43 @@
 
 from collections.abc import Iterable, Iterator
 
+from contract.arena import Arena
 from contract.messages import MotorSample
 from groundstation.faultrows import Outcome, Row
 
 
 def zero_after_s(
-    samples: Iterable[MotorSample], fault_ns: int, first: bool = False, turning: bool = False
+    samples: Iterable[MotorSample], fault_ns: int, first: bool = False, gentle_radps: float | None = None
 ) -> float | None:
     """From the fault to the last, or the first, stretch of zeros or released motors; None: there is none such.
 
-    :param turning: leave out the stretches of zeros before the last one.
+    :param gentle_radps: leave out the time for which neither wheel is asked to turn faster than that.
     """
-    began = None
+    began = gentle = None
     for sample in samples:
-        if sample.stamp_ns < fault_ns:
+        stamp_ns = sample.stamp_ns
+        if stamp_ns < fault_ns:
             continue
-        if sample.released or not sample.enabled or (sample.left_radps == 0.0 == sample.right_radps):
-            began = sample.stamp_ns if began is None else began
+        stands = sample.released or not sample.enabled or (sample.left_radps == 0.0 == sample.right_radps)
+        fastest = 0.0 if stands else max(abs(sample.left_radps), abs(sample.right_radps))
+        if gentle_radps is not None and fastest <= gentle_radps:
+            gentle = stamp_ns if gentle is None else gentle
+        elif gentle is not None:
+            fault_ns += stamp_ns - gentle
+            gentle = None
+        if stands:
+            began = stamp_ns if began is None else began
         elif not first:
-            if turning and began is not None:
-                fault_ns += sample.stamp_ns - began
             began = None
-    return None if began is None else round((began - fault_ns) * 1e-9, 4)
+    if began is None:
+        return None
+    return round(((began if gentle is None else min(gentle, began)) - fault_ns) * 1e-9, 4)
+
+
+def gentle_radps(row: Row, arena: Arena) -> float | None:
+    """What wheels must be asked to do, at least, to show a fault that only turning ones have; None: any row else."""
+    safety, radius_m = arena.safety, arena.platform.wheel_radius_m
+    return safety.motion_way_m / safety.motion_window_s / radius_m if row.turning else None
 
 
 def judge(row: Row, outcome: Outcome, allowed: float) -> Iterator[str]:

@@ -58,6 +58,7 @@ CASES = (
     ("wheels: bus-off (odrive)", 536467829),
     ("wheels: encoders stand still (odrive)", 798359651),
     ("wheels: encoders stand still (odrive)", 1381652169),
+    ("wheels: supply of the motors cut (odrive)", 1417418707),
 )
 """Of longer runs that once ended badly."""
 
@@ -221,9 +222,14 @@ def test_a_fault_that_only_turning_wheels_show_has_no_deadline_while_they_rest()
     speeds = {1: 1.0, 3: 0.0, 8: 0.0, 9: 1.0, 12: 0.0, 13: 1.0, 14: 0.0}
     samples = [sample(tenths * 10**8, speed) for tenths, speed in speeds.items()]
     assert zero_after_s(samples, 10**8) == 1.3
-    assert zero_after_s(samples, 10**8, turning=True) == 0.6, "0.3 to 0.9 and 1.2 to 1.3 s it rested"
-    assert zero_after_s(samples[:3], 10**8, turning=True) == 0.2
-    assert zero_after_s(samples[:4], 10**8, turning=True) is None
+    assert zero_after_s(samples, 10**8, gentle_radps=0.0) == 0.6, "0.3 to 0.9 and 1.2 to 1.3 s it rested"
+    assert zero_after_s(samples[:3], 10**8, gentle_radps=0.0) == 0.2
+    assert zero_after_s(samples[:4], 10**8, gentle_radps=0.0) is None
+    gentle = [
+        sample(tenths * 10**8, speed) for tenths, speed in {1: 1.0, 3: -0.2, 8: 0.0, 9: 1.0, 14: 0.1, 15: 0.0}.items()
+    ]
+    assert zero_after_s(gentle, 10**8, gentle_radps=0.2) == 0.7, "0.3 to 0.9 s it hardly turned, and from 1.4 s on"
+    assert zero_after_s(gentle, 10**8, gentle_radps=0.19) == 1.2, "from 0.3 to 0.8 s it turned"
     assert {row.name for row in ROWS if row.turning} == {
         f"wheels: {what} ({family})"
         for what in ("supply of the motors cut", "wheels jammed", "encoders count backwards")
