@@ -190,7 +190,7 @@ class Agent:
         own = self.sensing.own()
         if own is None:
             return self._rest(verdict)
-        x, y, heading = pose = self._odometry.predict(own[0], own[1], now_ns)
+        x, y, heading = pose = self._odometry.predict(own[0], self.sensing.own_since_ns, now_ns)
         left, right = rims = self._odometry.rims
         motion = record(Motion, (x, y, heading, left, right))
         sighted = self.sensing.sighted(pose, now_ns, self.controller.linked)
@@ -250,7 +250,8 @@ class Agent:
         out: Outbox = []
         if own is not None and now_ns >= self._next_state_ns:
             self._next_state_ns = next_ns(self._next_state_ns, self._state_period_ns, now_ns)
-            motion = Motion(*self._odometry.predict(own[0], own[1], now_ns), *self._odometry.rims)
+            pose = self._odometry.predict(own[0], self.sensing.own_since_ns, now_ns)
+            motion = Motion(*pose, *self._odometry.rims)
             asked = self._asked.standing(now_ns)
             out.append((self._state_key, self.controller.announce(motion, now_ns, *self._asked.latest, asked)))
         if verdict is not None and account.report_due(verdict, now_ns):

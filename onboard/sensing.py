@@ -23,6 +23,8 @@ VELOCITY_BASE_NS = 40_000_000
 """Velocities are differences over at least this long: shorter ones are mostly noise."""
 FORGET_NS = 3_000_000_000
 """A robot not seen for this long is no longer where it was."""
+STUCK_NS = 300_000_000
+"""The bridge finds tracking out that is stuck within this."""
 NEAR_M = 0.2
 """A robot that has moved farther than this in x or y looks through the whole cloud for targets again."""
 NOWHERE = (math.inf, math.inf)
@@ -69,6 +71,9 @@ class Sensing:
         self._radius_m = sensing_radius_m
         self._silence_ns = int(silence_s * 1e9)
         self._own: tuple[Pose, int] | None = None
+        self.own_since_ns = 0
+        """When the own pose was first what it is, site ns, as far as that matters: tracking that is stuck repeats it
+        until the bridge finds that out, while the wheels roll on."""
         self._others: dict[str, Track] = {}
         self._left: dict[str, list[Track]] = {}
         """Where robots were before they jumped."""
@@ -98,7 +103,7 @@ class Sensing:
                 if mine is None:
                     mine = body
                 if body.valid:
-                    self._own = (record(Pose, (body.x_m, body.y_m, body.heading_rad)), stamp_ns)
+                    self._see_own(record(Pose, (body.x_m, body.y_m, body.heading_rad)), stamp_ns)
             elif not body.valid:
                 continue
             elif (track := others.get(name)) is not None:
@@ -108,6 +113,13 @@ class Sensing:
             else:
                 others[name] = _track(body, stamp_ns)
         return mine
+
+    def _see_own(self, pose: Pose, stamp_ns: int) -> None:
+        if self._own is None or pose != self._own[0]:
+            self.own_since_ns = stamp_ns
+        elif stamp_ns - self.own_since_ns > STUCK_NS:
+            self.own_since_ns = stamp_ns - STUCK_NS
+        self._own = (pose, stamp_ns)
 
     def _come_back(self, track: Track, body: BodyPose, stamp_ns: int) -> Track:
         """The track to go on with; after a jump the old place is kept."""
@@ -140,8 +152,13 @@ class Sensing:
         self._left.clear()
 
     def own(self) -> tuple[Pose, int] | None:
-        """Own last valid pose and its exposure time, site ns."""
+        """Own last valid pose and the exposure time of the last frame with it, site ns."""
         return self._own
+
+    def place(self, robot: str) -> tuple[float, float] | None:
+        """Where another robot was seen last, m."""
+        track = self._others.get(robot)
+        return (track.x_m, track.y_m) if track is not None else None
 
     def cloud(self, cloud: TargetCloud) -> bool:
         """Take the targets; True where they are another mission's, so that all that was known of targets is void."""
@@ -195,7 +212,7 @@ class Sensing:
         """Robots within r_c of ``own``, at their last valid pose.
 
         Those unseen for 3 s are left out. One that is linked stays, however long it is unseen and however far away it
-        was last: the link binds wherever it has gone since.
+        was last: the link binds wherever it has gone since. One that has jumped out of reach stays where it was.
         """
         own_x, own_y, _ = own
         radius_m, newest_ns = self._radius_m, self._newest_ns
@@ -209,6 +226,11 @@ class Sensing:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
                     seen = (x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
                     result[name] = record(Sighted, seen)
+        for name, places in self._left.items():
+            if name in linked and name not in result:
+                left = places[-1]
+                age_s = max(0.0, (now_ns - left.stamp_ns) * 1e-9)
+                result[name] = Sighted(left.x_m, left.y_m, left.vx_mps, left.vy_mps, age_s, False)
         return result
 
     def heard(self, sighted: Iterable[str], now_ns: int) -> dict[str, Heard]:

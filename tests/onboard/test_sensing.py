@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.messages import BodyPose, MocapFrame, Target, TargetCloud
+from onboard.ahdc.view import Sighted
 from onboard.odometry import Odometry, Pose, advance
-from onboard.sensing import Sensing
+from onboard.sensing import STUCK_NS, Sensing
 from tests.onboard.samples import state
 
 MS = 1_000_000
@@ -78,6 +79,19 @@ def test_a_linked_robot_that_is_not_seen_stays_in_view_however_far_it_was_last()
     assert not sensing.sighted(gone_on, 30 * MS, {"r02"}), "seen to be out of reach"
 
 
+def test_a_linked_robot_that_has_jumped_out_of_reach_binds_where_it_was_until_it_is_taken_out() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.9, 0.0)}))
+    sensing.frame(frame(31, {"r01": (0.0, 0.0), "r02": (1.8, 0.0)}))
+    own, now_ns = Pose(0.0, 0.0, 0.0), 320 * MS
+    assert sensing.sighted(own, now_ns) == {}
+    assert sensing.sighted(own, now_ns, {"r02"}) == {"r02": Sighted(0.9, 0.0, 0.0, 0.0, 0.31, False)}
+    sensing.doubtful(now_ns, {"r02"})
+    assert sensing.sighted(own, now_ns, {"r02"}) == {}, "it has been taken out"
+    sensing.frame(frame(61, {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}))
+    assert sensing.sighted(own, 620 * MS, {"r02"})["r02"][:2] == (0.5, 0.0), "seen within reach it binds there alone"
+
+
 def test_a_robot_that_is_not_seen_is_heard_where_it_says_it_is() -> None:
     sensing = Sensing("r01", 1.0, 0.5)
     places = {"r01": (0.0, 0.0), "r02": (0.9, 0.0)}
@@ -89,6 +103,15 @@ def test_a_robot_that_is_not_seen_is_heard_where_it_says_it_is() -> None:
     sensing.frame(frame(3, {**places, "r01": (-0.2, 0.0)}))
     assert not sensing.in_range("r02")
     assert not sensing.state(state("r02", 0.7, 0.0, seq=4), 0), "seen: what it says does not count"
+
+
+def test_an_own_pose_that_repeats_itself_is_as_old_as_its_first_frame() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    for number in range(60):
+        x_m, first = (0.0, 0) if number < 10 else (1.0, 10)
+        sensing.frame(frame(number, {"r01": (x_m, 0.0)}))
+        assert sensing.own() == (Pose(x_m, 0.0, 0.0), number * 10 * MS)
+        assert sensing.own_since_ns == max(first * 10 * MS, number * 10 * MS - STUCK_NS)
 
 
 def test_velocity_comes_from_poses() -> None:

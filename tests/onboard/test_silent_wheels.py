@@ -9,6 +9,7 @@ from onboard.ahdc.links import ON, LinkTable
 from onboard.asked import DOUBT_NS, Asked
 from onboard.guard import Guard
 from onboard.odometry import BASE_NS, STALE_NS, Odometry, Pose, advance
+from onboard.sensing import STUCK_NS
 from tests.onboard.test_agent import PERIOD_NS, Stage
 
 MS = 1_000_000
@@ -82,7 +83,7 @@ def test_a_robot_at_rest_does_not_tell_the_speed_that_its_wheels_had_when_they_f
     stage.run(20)
     assert states(stage)[-1].vx_mps == pytest.approx(0.3)
     stage.silent = True
-    stage.run(60)
+    stage.run(80)
     told = states(stage)[-1]
     assert (told.vx_mps, told.vy_mps, told.moving) == (0.0, 0.0, False)
     assert told.stop_long == told.stop_short == (told.x_m, told.y_m) == (0.5, 0.5)
@@ -131,6 +132,15 @@ def test_a_robot_tells_its_neighbours_and_its_own_limits_what_its_wheels_can_hav
     stage.silent = False
     stage.run(4)
     assert states(stage)[-1].asked_mps != last
+
+
+def test_where_tracking_is_stuck_a_robot_tells_where_its_wheels_have_taken_it_since() -> None:
+    stage = Silent()
+    stage.run(20)
+    ahead = [state.x_m - 0.5 for state in states(stage)]
+    assert ahead[-1] == pytest.approx(19 * PERIOD_NS * 1e-9 * 0.3, abs=0.006)
+    stage.run(60)
+    assert states(stage)[-1].x_m - 0.5 == pytest.approx(STUCK_NS * 1e-9 * 0.3, abs=0.006)
 
 
 def linked() -> Silent:
