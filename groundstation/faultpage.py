@@ -26,8 +26,7 @@ no deadline while none is asked to turn faster than `safety.motion_way_m` within
 *Rolled* is the way of the victim's body after the fault. A run is good if both stay within their bounds, the body
 comes to rest, nobody collides, the other robots' network stays whole, the robot is left in the run state of its
 action, and a failsafe of that row speaks. *Named*: no program can stop these motors (a stop switch can); the robot
-must say so and end as `fault`, and others that only its links hold together by then may part. After a *jump* that
-stays, the victim joins others where it is seen to be as well.
+must say so and end as `fault`, and others that only its links hold together by then may part.
 
 ## In lockstep
 

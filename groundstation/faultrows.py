@@ -57,10 +57,8 @@ class Row(NamedTuple):
     If it resumes as well, it may be on its way again when it is first seen: then only how far it came counts."""
     leaves: str = ""
     """Run states at the end, one of them; empty: as the action says."""
-    misplaced: bool = False
-    """The victim is believed where it is not: what it joins is whole where it is seen to be, as where it is."""
     turning: bool = False
-    """Only wheels that are told to turn can show it: the time that a robot rests, on a target, does not count."""
+    """Only wheels that are told to turn can show it: the time for which they rest, or hardly turn, does not count."""
 
     @property
     def ends(self) -> tuple[str, ...]:
@@ -262,7 +260,7 @@ def _rows() -> tuple[Row, ...]:
     ):
         resumes = kind == "restart"
         rows.append(Row("motion capture", kind, "HOLD", _mocap(kind, value, single), zero_s, speaks, resumes=resumes))
-    rows.append(Row("motion capture", "jump", "FAULT", _jump, 0.2 + AGE_S, ("pose_jumped",), misplaced=True))
+    rows.append(Row("motion capture", "jump", "FAULT", _jump, 0.2 + AGE_S, ("pose_jumped",)))
     for kind, value in (
         ("duplicate", None),
         ("reorder", None),

@@ -7,7 +7,7 @@ import argparse
 import math
 import random
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -96,7 +96,7 @@ def _watch(world: World, row: Row, victim: str, at_s: float) -> _Watch:
         left, right = wire.emulated.speeds(victim)
         rest = max(abs(left), abs(right)) * world.arena.platform.wheel_radius_m < REST_MPS
         rest_s = None if not rest else step * STEP_S if rest_s is None else rest_s
-        split = split or (whole and not connected(world, others) and not _connected_by(world, victim, row.misplaced))
+        split = split or (whole and not connected(world, others) and not connected(world, list(world.agents)))
         verdict = world.agents[victim].verdict
         if verdict is not None and verdict.failsafe and verdict.failsafe not in spoken:
             if hopeless and not spoken:
@@ -107,23 +107,10 @@ def _watch(world: World, row: Row, victim: str, at_s: float) -> _Watch:
     return _Watch(rest_s, rolled, tuple(spoken), split)
 
 
-def _connected_by(world: World, victim: str, misplaced: bool) -> bool:
-    """Whether all are one piece, with the victim where it is and, if it is misplaced, where it is seen to be."""
-    names = list(world.agents)
-    watcher = world.agents[next(name for name in names if name != victim)]
-    seen = watcher.sensing.place(victim) if misplaced else None
-    return connected(world, names, {victim: seen} if seen is not None else {})
-
-
-def connected(world: World, names: Sequence[str], also: Mapping[str, tuple[float, float]] | None = None) -> bool:
-    """Whether these robots alone are one piece: by who is within r_c of whom.
-
-    :param also: second places of some, m, that count as well.
-    """
-    places = {name: [world.hops.pose(name)[:2]] for name in names}
-    for name, place in (also or {}).items():
-        places[name].append(place)
-    return _one_piece(names, lambda a, b: any(math.dist(p, q) <= world.radius_m for p in places[a] for q in places[b]))
+def connected(world: World, names: Sequence[str]) -> bool:
+    """Whether these robots alone are one piece: by who is within r_c of whom."""
+    places = {name: world.hops.pose(name)[:2] for name in names}
+    return _one_piece(names, lambda a, b: math.dist(places[a], places[b]) <= world.radius_m)
 
 
 def linked(world: World, names: Sequence[str]) -> bool:

@@ -155,11 +155,6 @@ class Sensing:
         """Own last valid pose and the exposure time of the last frame with it, site ns."""
         return self._own
 
-    def place(self, robot: str) -> tuple[float, float] | None:
-        """Where another robot was seen last, m."""
-        track = self._others.get(robot)
-        return (track.x_m, track.y_m) if track is not None else None
-
     def cloud(self, cloud: TargetCloud) -> bool:
         """Take the targets; True where they are another mission's, so that all that was known of targets is void."""
         self._cloud = cells_of(cloud.targets)

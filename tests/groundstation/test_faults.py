@@ -60,7 +60,6 @@ CASES = (
     ("wheels: encoders stand still (odrive)", 1381652169),
     ("wheels: supply of the motors cut (odrive)", 1417418707),
     ("motion capture: frozen", 63206090),
-    ("motion capture: jump", 802665018),
 )
 """Of longer runs that once ended badly."""
 

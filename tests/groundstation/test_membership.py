@@ -46,6 +46,16 @@ def test_a_robot_that_crashed_holds_the_others_until_it_is_taken_out() -> None:
     assert not any("r02" in agent.controller.linked for name, agent in freed.agents.items() if name != "r02")
 
 
+def test_a_robot_whose_last_neighbour_is_taken_out_goes_on_alone() -> None:
+    world = world_of(Event(1.0, "exclude", "r02"), robots=2)
+    world.until(1.2)
+    tasking = world.agents["r01"].controller.tasking
+    assert "r02" not in world.agents["r01"].controller.linked
+    before = tasking.memory.occupied
+    world.run()
+    assert tasking.memory.occupied != before
+
+
 def test_a_robot_carried_off_and_taken_out_leaves_the_others_whole() -> None:
     world = world_of(Event(1.0, "exclude", "r02"), Event(1.0, "carry", "r02", 1.0, (3.5, 0.5)), limit_s=5.0)
     assert whole_and_clear(world.run())
