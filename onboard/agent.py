@@ -197,7 +197,8 @@ class Agent:
         heard = self.sensing.heard(sighted, now_ns)
         may_move = verdict.may_move and self.robot not in self.supervisor.excluded
         targets = self.sensing.targets(own[0])
-        view = View(now_ns * 1e-9, motion, sighted, heard, targets, self._start_direction, may_move)
+        left_places = self.sensing.left(now_ns, self.supervisor.excluded)
+        view = View(now_ns * 1e-9, motion, sighted, heard, targets, self._start_direction, may_move, left_places)
         self._follow_orders(now_ns)
         if self.controller.paper is not None and not self._going_home:
             self.controller.think(view)
@@ -206,9 +207,8 @@ class Agent:
             decision = self.homing.decide(view, self._asked.latest)
         else:
             decision = self.controller.act(view)
-        doubtful = self.sensing.doubtful(now_ns, self.supervisor.excluded)
         asked = self._asked.standing(now_ns)
-        left, right, waits = self._guard.limited(decision, pose, rims, asked, sighted, heard, doubtful)
+        left, right, waits = self._guard.limited(decision, pose, rims, asked, sighted, heard, left_places)
         if not (verdict.may_move and verdict.enable):
             left = right = 0.0
         self._command(left, right)
@@ -268,7 +268,7 @@ class Agent:
         if refusal:
             self.refuse(refusal)
             return False
-        body = self.sensing.frame(frame)
+        body = self.sensing.frame(frame, self.controller.linked)
         self._pose = (False, "not in the frame") if body is None else (body.valid, body.reason)
         self._motion.see(body, frame.exposure_ns)
         self._jump.see(body, frame.exposure_ns, self._driver_active)

@@ -6,7 +6,7 @@ from contract.arena import Arena
 from contract.messages import NeighbourState
 from onboard import unicycle
 from onboard.ahdc.parameters import record
-from onboard.ahdc.view import Decision, Heard, Sighted
+from onboard.ahdc.view import Decision, Heard, Left, Sighted
 from onboard.cut import cut_bounds, limit_cut
 from onboard.foreseen import Foresight
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
@@ -37,17 +37,17 @@ class Guard:
         asked_mps: tuple[float, float],
         sighted: Mapping[str, Sighted],
         heard: Mapping[str, Heard],
-        doubtful: Iterable[Neighbour] = (),
+        left_places: Iterable[Left] = (),
     ) -> tuple[float, float, str]:
         """Rim speeds, left and right, m/s, no faster than the decision's, and what bounds them.
 
         :param pose: own, dead-reckoned to now.
         :param rims_mps: measured.
         :param asked_mps: rim speeds that the wheels have been asked so far, and that others are told.
-        :param doubtful: places where robots may be as well.
+        :param left_places: where robots may be as well.
         """
         left, right, waits = decision
-        around = self._around = list(doubtful)
+        around = self._around = [Neighbour(*left.seen[:5]) for left in left_places]
         told_by = self._foresight.told
         for name, (x, y, vx, vy, age_s, _) in sighted.items():
             silence_s, told = 0.0, None

@@ -13,10 +13,9 @@ from msgspec.structs import replace
 
 from contract.messages import BodyPose, MocapFrame, NeighbourState, TargetCloud
 from onboard.ahdc.parameters import record
-from onboard.ahdc.view import Heard, Sighted
+from onboard.ahdc.view import Heard, Left, Sighted
 from onboard.cloud import Cloud, cells_of
 from onboard.jump import GAP_NS, ROLL_FACTOR
-from onboard.limits import Neighbour
 from onboard.odometry import Pose
 
 VELOCITY_BASE_NS = 40_000_000
@@ -75,8 +74,8 @@ class Sensing:
         """When the own pose was first what it is, site ns, as far as that matters: tracking that is stuck repeats it
         until the bridge finds that out, while the wheels roll on."""
         self._others: dict[str, Track] = {}
-        self._left: dict[str, list[Track]] = {}
-        """Where robots were before they jumped."""
+        self._left: dict[str, list[tuple[Track, bool]]] = {}
+        """Where robots were before they jumped, and whether a link was kept with them then."""
         self._heard: dict[str, tuple[NeighbourState, int]] = {}
         self._cloud = Cloud(())
         self._near: list[tuple[int, tuple[float, float]]] = []
@@ -92,8 +91,11 @@ class Sensing:
         self.out_of_range = 0
         """State messages the virtual radio swallowed."""
 
-    def frame(self, frame: MocapFrame) -> BodyPose | None:
-        """Take the valid poses of one frame; the own body in it, valid or not."""
+    def frame(self, frame: MocapFrame, linked: Container[str] = ()) -> BodyPose | None:
+        """Take the valid poses of one frame; the own body in it, valid or not.
+
+        :param linked: robots that a link is kept with now.
+        """
         me, mine = self.robot, None
         self._newest_ns = stamp_ns = frame.exposure_ns
         others = self._others
@@ -108,7 +110,7 @@ class Sensing:
                 continue
             elif (track := others.get(name)) is not None:
                 if body.resets != track.resets or stamp_ns - track.stamp_ns > GAP_NS:
-                    track = self._come_back(track, body, stamp_ns)
+                    track = self._come_back(track, body, stamp_ns, name in linked)
                 track.extend(stamp_ns, body.x_m, body.y_m)
             else:
                 others[name] = _track(body, stamp_ns)
@@ -121,18 +123,18 @@ class Sensing:
             self.own_since_ns = stamp_ns - STUCK_NS
         self._own = (pose, stamp_ns)
 
-    def _come_back(self, track: Track, body: BodyPose, stamp_ns: int) -> Track:
+    def _come_back(self, track: Track, body: BodyPose, stamp_ns: int, linked: bool) -> Track:
         """The track to go on with; after a jump the old place is kept."""
         gap_ns, track.resets = stamp_ns - track.stamp_ns, body.resets
         step_m = math.hypot(body.x_m - track.x_m, body.y_m - track.y_m)
         if step_m <= ROLL_FACTOR * self._speed_mps * gap_ns * 1e-9 + self._margin_m:
             return track
-        if gap_ns <= FORGET_NS:
-            self._left[body.robot] = [*self._left.get(body.robot, ()), track][-MOST_LEFT:]
+        if linked or gap_ns <= FORGET_NS:
+            self._left[body.robot] = [*self._left.get(body.robot, ()), (track, linked)][-MOST_LEFT:]
         fresh = self._others[body.robot] = _track(body, stamp_ns)
         return fresh
 
-    def doubtful(self, now_ns: int, excluded: Collection[str]) -> list[Neighbour]:
+    def left(self, now_ns: int, excluded: Collection[str]) -> list[Left]:
         """Where robots were before they jumped: each may be there still, or be where it is seen.
 
         Nothing on the floor can tell, so it ends with the robot's exclusion or with :meth:`settle`.
@@ -142,9 +144,7 @@ class Sensing:
         for name in excluded:
             self._left.pop(name, None)
         return [
-            Neighbour(left.x_m, left.y_m, left.vx_mps, left.vy_mps, (now_ns - left.stamp_ns) * 1e-9)
-            for places in self._left.values()
-            for left in places
+            Left(name, _sighted(at, now_ns), linked) for name, places in self._left.items() for at, linked in places
         ]
 
     def settle(self) -> None:
@@ -207,7 +207,7 @@ class Sensing:
         """Robots within r_c of ``own``, at their last valid pose.
 
         Those unseen for 3 s are left out. One that is linked stays, however long it is unseen and however far away it
-        was last: the link binds wherever it has gone since. One that has jumped out of reach stays where it was.
+        was last: the link binds wherever it has gone since.
         """
         own_x, own_y, _ = own
         radius_m, newest_ns = self._radius_m, self._newest_ns
@@ -221,11 +221,6 @@ class Sensing:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
                     seen = (x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
                     result[name] = record(Sighted, seen)
-        for name, places in self._left.items():
-            if name in linked and name not in result:
-                left = places[-1]
-                age_s = max(0.0, (now_ns - left.stamp_ns) * 1e-9)
-                result[name] = Sighted(left.x_m, left.y_m, left.vx_mps, left.vy_mps, age_s, False)
         return result
 
     def heard(self, sighted: Iterable[str], now_ns: int) -> dict[str, Heard]:
@@ -260,6 +255,11 @@ class Sensing:
 def _track(body: BodyPose, stamp_ns: int) -> Track:
     x_m, y_m = body.x_m, body.y_m
     return Track(stamp_ns, x_m, y_m, stamp_ns, x_m, y_m, resets=body.resets)
+
+
+def _sighted(track: Track, now_ns: int) -> Sighted:
+    age_s = max(0.0, (now_ns - track.stamp_ns) * 1e-9)
+    return Sighted(track.x_m, track.y_m, track.vx_mps, track.vy_mps, age_s, False)
 
 
 def without_targets(state: NeighbourState) -> NeighbourState:

@@ -19,7 +19,7 @@ from onboard.ahdc.plan import (
     make_disc,
 )
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_distance_m, stop_tables
-from onboard.ahdc.view import Goal, View
+from onboard.ahdc.view import Goal, Left, View
 from onboard.unicycle import turn_gain_per_s
 
 ADD_SHARE = 0.8
@@ -36,6 +36,8 @@ REMOVAL_PAUSE_S = 0.1
 ON_THE_SPOT_RADPS = 6.0
 INSIDE_M = 0.01
 """A robot brakes once it will come to rest this far within reach of its target."""
+REACTION_S = 0.25
+"""A robot that is not seen, or not where it was, holds within this."""
 SAME_PLACE_M = 1e-4
 """Stop points nearer to each other than this are one hypothesis."""
 FACED_RADPS = 0.1
@@ -98,7 +100,7 @@ class FieldLaw:
             if distance <= reach_m and (link is OFF or link is Link.DOUBT) and (self.robot < name or not self.joined):
                 links.offer(name, now_s)
             waiting |= distance <= p.sensing_radius_m
-        links.note_silence(silent)
+        links.note_silence([*silent, *(left.robot for left in view.left)])
         if not waiting:
             self.joined = True
         if self.joined and now_s >= self._next_removal_s and links.removal is None:
@@ -170,6 +172,19 @@ class FieldLaw:
                 short_stops = (short, (short[0] + dx, short[1] + dy))
             resting = not state.moving and not silent
             partners.append(record(Partner, (name, enforced, (x, y), long_stops, short_stops, age_s, resting)))
+        if view.left:
+            partners += self._left_partners(view.left)
+        return partners
+
+    def _left_partners(self, places: Sequence[Left]) -> list[Partner]:
+        """Linked robots that have jumped, where they were: each has held since, within what a pose may be old."""
+        partners = []
+        for name, (x, y, vx, vy, seen_age_s, _), linked in places:
+            if linked and self.links.enforces(name):
+                age_s = min(seen_age_s, REACTION_S)
+                ahead = (x + vx * age_s, y + vy * age_s)
+                stops = ((x, y), self._unheard_stops(ahead, (vx, vy))[-1])
+                partners.append(Partner(name, True, (x, y), stops, stops, age_s, False))
         return partners
 
     def _unheard_stops(self, place: Vector, v: Vector) -> tuple[Vector, ...]:

@@ -1,6 +1,6 @@
 """What one robot may know at one step, and what it decides. Locality ends at the fields of :class:`View`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from contract.messages import NeighbourState
@@ -31,6 +31,16 @@ class Heard(NamedTuple):
     """Nothing came for longer than ``safety.neighbour_silence_s``."""
 
 
+class Left(NamedTuple):
+    """Where a robot was before it jumped: it may be there still, or be where it is seen since."""
+
+    robot: str
+    seen: Sighted
+    """There, last."""
+    linked: bool
+    """A link was kept with it then."""
+
+
 class View(NamedTuple):
     """Everything the law may use at one step of one robot."""
 
@@ -43,6 +53,7 @@ class View(NamedTuple):
     start_direction_rad: float
     may_move: bool
     """The supervisor lets the wheels turn; otherwise the law only keeps links and announces itself."""
+    left: Sequence[Left] = ()
 
 
 class Goal(NamedTuple):

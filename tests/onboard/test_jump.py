@@ -163,12 +163,14 @@ def watched(back: BodyPose, hidden_ms: int = 60, speed_mps: float = 0.4) -> Sens
 @pytest.mark.parametrize(("x_m", "kept"), [(0.524, False), (0.61, False), (0.63, True), (1.0, True), (0.0, True)])
 def test_where_a_robot_was_before_it_jumped_is_kept_clear(x_m: float, kept: bool) -> None:
     sensing = watched(body(x_m, resets=1))
-    places = sensing.doubtful(300 * MS, frozenset())
+    places = sensing.left(300 * MS, frozenset())
     assert bool(places) == kept
     seen = sensing.sighted(Pose(0.0, 0.0, 0.0), 300 * MS)["r01"]
     assert seen.x_m == x_m
     if kept:
-        x, y, vx, vy, age_s = places[0][:5]
+        assert places[0].robot == "r01"
+        assert not places[0].linked
+        x, y, vx, vy, age_s, _ = places[0].seen
         assert (x, y, vx, vy, age_s) == pytest.approx((0.5, 0.0, 0.4, 0.0, 0.1))
         assert (seen.vx_mps, seen.vy_mps) == (0.0, 0.0), "no robot is as fast as a jump"
 
@@ -176,21 +178,21 @@ def test_where_a_robot_was_before_it_jumped_is_kept_clear(x_m: float, kept: bool
 def test_a_place_is_kept_until_the_robot_is_excluded_or_this_one_released() -> None:
     sensing = watched(body(1.0, resets=1))
     later_ns = 3_600_000 * MS
-    assert sensing.doubtful(later_ns, frozenset({"r09"}))
-    assert not sensing.doubtful(later_ns, frozenset({"r01"}))
-    assert not sensing.doubtful(later_ns, frozenset())
+    assert sensing.left(later_ns, frozenset({"r09"}))
+    assert not sensing.left(later_ns, frozenset({"r01"}))
+    assert not sensing.left(later_ns, frozenset())
     sensing = watched(body(1.0, resets=1))
     sensing.settle()
-    assert not sensing.doubtful(later_ns, frozenset())
+    assert not sensing.left(later_ns, frozenset())
 
 
 def test_every_place_of_a_robot_that_jumps_again_is_kept_up_to_a_few() -> None:
     sensing = watched(body(1.0, resets=1))
     for k in range(2, 9):
         sensing.frame(frame(300 + 10 * k, body(0.1 * k, resets=k, y_m=(-1.0) ** k)))
-    assert [round(place.x_m, 3) for place in sensing.doubtful(400 * MS, frozenset())] == [0.4, 0.5, 0.6, 0.7]
+    assert [round(place.seen.x_m, 3) for place in sensing.left(400 * MS, frozenset())] == [0.4, 0.5, 0.6, 0.7]
 
 
 def test_a_robot_not_seen_for_long_may_be_anywhere() -> None:
-    assert watched(body(5.0, resets=1), FORGET_NS // MS).doubtful(9_000 * MS, frozenset())
-    assert not watched(body(5.0, resets=1), FORGET_NS // MS + 10).doubtful(9_000 * MS, frozenset())
+    assert watched(body(5.0, resets=1), FORGET_NS // MS).left(9_000 * MS, frozenset())
+    assert not watched(body(5.0, resets=1), FORGET_NS // MS + 10).left(9_000 * MS, frozenset())

@@ -79,17 +79,25 @@ def test_a_linked_robot_that_is_not_seen_stays_in_view_however_far_it_was_last()
     assert not sensing.sighted(gone_on, 30 * MS, {"r02"}), "seen to be out of reach"
 
 
-def test_a_linked_robot_that_has_jumped_out_of_reach_binds_where_it_was_until_it_is_taken_out() -> None:
-    sensing = Sensing("r01", 1.0, 0.5)
-    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.9, 0.0)}))
-    sensing.frame(frame(31, {"r01": (0.0, 0.0), "r02": (1.8, 0.0)}))
+@pytest.mark.parametrize("seen_at_m", [0.4, 1.8])
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_robot_that_has_jumped_was_linked_where_it_was_until_it_is_taken_out(seen_at_m: float, linked: bool) -> None:
+    sensing, links = Sensing("r01", 1.0, 0.5), {"r02"} if linked else ()
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.9, 0.0)}), links)
+    sensing.frame(frame(31, {"r01": (0.0, 0.0), "r02": (seen_at_m, 0.0)}), links)
     own, now_ns = Pose(0.0, 0.0, 0.0), 320 * MS
-    assert sensing.sighted(own, now_ns) == {}
-    assert sensing.sighted(own, now_ns, {"r02"}) == {"r02": Sighted(0.9, 0.0, 0.0, 0.0, 0.31, False)}
-    sensing.doubtful(now_ns, {"r02"})
-    assert sensing.sighted(own, now_ns, {"r02"}) == {}, "it has been taken out"
-    sensing.frame(frame(61, {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}))
-    assert sensing.sighted(own, 620 * MS, {"r02"})["r02"][:2] == (0.5, 0.0), "seen within reach it binds there alone"
+    assert [seen.x_m for seen in sensing.sighted(own, now_ns, links).values()] == [0.4] * (seen_at_m < 1.0)
+    assert sensing.left(now_ns, ()) == [("r02", Sighted(0.9, 0.0, 0.0, 0.0, 0.31, False), linked)]
+    sensing.frame(frame(32, {"r01": (0.0, 0.0), "r02": (seen_at_m, 0.0)}), {"r02"})
+    assert sensing.left(now_ns, ())[0].linked == linked, "a link made since is not of that place"
+    assert sensing.left(now_ns, {"r02"}) == []
+
+
+def test_a_linked_robot_that_comes_back_elsewhere_was_where_it_was_however_long_ago() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    sensing.frame(frame(1, {"r01": (0.0, 0.0), "r02": (0.9, 0.0), "r03": (0.8, 0.0)}), {"r02"})
+    sensing.frame(frame(2_000, {"r01": (0.0, 0.0), "r02": (0.0, 30.0), "r03": (0.0, -30.0)}), {"r02"})
+    assert [left.robot for left in sensing.left(20_000 * MS, ())] == ["r02"]
 
 
 def test_a_robot_that_is_not_seen_is_heard_where_it_says_it_is() -> None:
