@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 
 from onboard.courses import Course, CutBounds, brake_way, cut_bounds, cut_way
-from onboard.foreseen import foresee
+from onboard.foresight import foresee
 from onboard.hulls import Way, least, nearest
 from onboard.limits import REST_MPS, Limited, Neighbour
 

@@ -1,17 +1,13 @@
 """What another robot may do next: brake, or be cut off. Pure.
 
-All of it follows from the newest message, its age and the bounds, so it is worked out once a message and age step; and
-for a robot whose ways were looked at in the last step, before the next step asks (:class:`Foresight`).
+All of it follows from the newest message, its age and the bounds (``foresight.py`` keeps what is worked out).
 
 A neighbour silent for longer than T is taken to coast from where it is seen, with the turn that it had or the one it
 was told to take; one that has never spoken, to go straight on.
 """
 
 import math
-from collections.abc import Iterable
 
-from contract.messages import NeighbourState
-from onboard.ahdc.parameters import record
 from onboard.courses import CutBounds, brake_way, cut_way
 from onboard.hulls import Way
 from onboard.limits import Neighbour, Told, stop_m
@@ -119,82 +115,7 @@ class Foreseen:
         return way
 
 
-class Foretold(Told):
-    """What a robot told, with all that was worked out of it for one arena."""
-
-    by_age: dict[int, Foreseen]
-    """By age steps."""
-    asked: Foreseen
-    """The last that was used."""
-
-
-def foresee(other: Neighbour, bounds: CutBounds) -> Foreseen:
-    """What a neighbour may do; out of what is known already where its message is :class:`Foretold`."""
-    x, y, vx, vy, age_s, silence_s, told = other
-    standing_s = bounds.standing_s
-    if told is not None and silence_s <= standing_s:
-        age_steps = math.ceil(silence_s / AGE_STEP_S)
-        if type(told) is not Foretold:
-            return _heard(told, age_steps, bounds)
-        found = told.asked = told.by_age.get(age_steps) or _work_out(told, age_steps, bounds)
-        return found
-    speed, heading = math.hypot(vx, vy), math.atan2(vy, vx)
-    age_s = age_s if 0.0 < age_s < MAX_AGE_S else MAX_AGE_S if age_s > 0.0 else 0.0
-    standing_s = age_s if silence_s > standing_s else standing_s + age_s
-    return Foreseen((x, y, heading), _turns(speed, told), standing_s, age_s, bounds)
-
-
-def _work_out(told: Foretold, age_steps: int, bounds: CutBounds) -> Foreseen:
-    found = told.by_age[age_steps] = _heard(told, age_steps, bounds)
-    return found
-
-
-class Foresight:
-    """The newest message of every robot heard, with all that was worked out of it."""
-
-    def __init__(self, bounds: CutBounds) -> None:
-        self._bounds = bounds
-        self._known: dict[str, tuple[NeighbourState, Foretold | None]] = {}
-
-    def told(self, state: NeighbourState) -> Foretold | None:
-        """What a message says of its sender's motion."""
-        known = self._known.get(state.robot)
-        return known[1] if known is not None and known[0] is state else self._take(state)
-
-    def _take(self, state: NeighbourState) -> Foretold | None:
-        told = None
-        if state.rims_mps is not None and state.asked_mps is not None:
-            place = (state.x_m, state.y_m, state.heading_rad)
-            told = record(Foretold, (*place, *state.rims_mps, *state.asked_mps))
-            told.by_age = {}
-        self._known[state.robot] = (state, told)
-        return told
-
-    def hear(self, state: NeighbourState, silence_s: float) -> None:
-        """Take a message before a step needs it.
-
-        :param silence_s: about its age at the next step; below 0, by a clock that is ahead, is 0.
-        """
-        _, before = self._known.get(state.robot, (state, None))
-        told = self._take(state)
-        if told is not None and before is not None:
-            self._prepare(told, max(0.0, silence_s), before)
-
-    def look_ahead(self, neighbours: Iterable[Neighbour], later_s: float) -> None:
-        """Have ready what these will be asked when that much time has passed."""
-        for *_, silence_s, told in neighbours:
-            if type(told) is Foretold:
-                self._prepare(told, silence_s + later_s, told)
-
-    def _prepare(self, told: Foretold, silence_s: float, before: Foretold) -> None:
-        """``before``: the message that was looked at in the last step."""
-        if silence_s <= self._bounds.standing_s and "asked" in vars(before):
-            age_steps = math.ceil(silence_s / AGE_STEP_S)
-            found = told.by_age.get(age_steps) or _work_out(told, age_steps, self._bounds)
-            found.prepare(before.asked)
-
-
-def _heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
+def heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
     """A robot that has told what it does, so many age steps ago.
 
     It may do what it was asked; have been asked anew since; or not have heard what it was asked, and keep the turn that
@@ -210,6 +131,16 @@ def _heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
     if all(_apart(kept, turn) for turn in turns):
         turns.append(kept)
     return Foreseen((x, y, heading), tuple(turns), bounds.standing_s + age_s, age_s, bounds)
+
+
+def seen(other: Neighbour, bounds: CutBounds) -> Foreseen:
+    """A robot that has told nothing, or not lately: what is seen of it counts, and what it told of its turn."""
+    x, y, vx, vy, age_s, silence_s, told = other
+    standing_s = bounds.standing_s
+    speed, heading = math.hypot(vx, vy), math.atan2(vy, vx)
+    age_s = age_s if 0.0 < age_s < MAX_AGE_S else MAX_AGE_S if age_s > 0.0 else 0.0
+    standing_s = age_s if silence_s > standing_s else standing_s + age_s
+    return Foreseen((x, y, heading), _turns(speed, told), standing_s, age_s, bounds)
 
 
 def _apart(one: Rims, other: Rims) -> bool:

@@ -8,7 +8,7 @@ from onboard import unicycle
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Decision, Heard, Left, Sighted
 from onboard.cut import cut_bounds, limit_cut
-from onboard.foreseen import Foresight
+from onboard.foresight import Foresight
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
 from onboard.odometry import Pose
 

@@ -20,7 +20,7 @@ from onboard.ahdc.plan import (
 )
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_distance_m, stop_tables
 from onboard.ahdc.view import Goal, Left, View
-from onboard.unicycle import turn_gain_per_s
+from onboard.unicycle import TURN_GAIN_PER_S, turn_gain_per_s
 
 ADD_SHARE = 0.8
 """Links are offered up to this share of what is left of r_c' after half a robot's longest way to rest."""
@@ -47,7 +47,9 @@ FACED_RADPS = 0.1
 class Steer(Protocol):
     """The platform's way from a velocity vector to (speed_mps, turn_rate_radps)."""
 
-    def __call__(self, velocity: Vector, heading_rad: float, gain_per_s: float = ...) -> tuple[float, float]: ...
+    def __call__(
+        self, velocity: Vector, heading_rad: float, gain_per_s: float = TURN_GAIN_PER_S
+    ) -> tuple[float, float]: ...
 
 
 class FieldLaw:

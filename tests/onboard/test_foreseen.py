@@ -7,10 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import onboard.foreseen
+import onboard.foresight
 from contract.messages import NeighbourState
 from onboard.courses import cut_way
 from onboard.cut import PIVOT_M, limit_cut
-from onboard.foreseen import AGE_STEP_S, Foresight, Foretold, foresee
+from onboard.foreseen import AGE_STEP_S
+from onboard.foresight import Foresight, Foretold, foresee
 from onboard.hulls import least
 from onboard.limits import Neighbour, Told
 from tests.onboard.cut_adversary import BOUNDS
@@ -62,7 +64,7 @@ def test_after_a_command_nothing_is_left_to_work_out_of_what_it_looked_at(monkey
     with monkeypatch.context() as patch:
         patch.setattr(onboard.foreseen, "brake_way", None)
         patch.setattr(onboard.foreseen, "cut_way", None)
-        patch.setattr(onboard.foreseen, "_heard", None)
+        patch.setattr(onboard.foresight, "heard", None)
         assert looked_at.brakes() is ways[0]
         for told, silence_s in ((before.told, 0.03 + AGE_STEP_S), (foresight.told(newer), 0.02)):
             found = foresee(neighbour(told, silence_s), BOUNDS)
@@ -75,7 +77,7 @@ def test_after_a_command_nothing_is_left_to_work_out_of_what_it_looked_at(monkey
 
 
 def test_what_nobody_looks_at_is_not_worked_out(monkeypatch) -> None:
-    monkeypatch.setattr(onboard.foreseen, "_heard", None)
+    monkeypatch.setattr(onboard.foresight, "heard", None)
     foresight = Foresight(BOUNDS)
     for message in (MOVING, state("r02", seq=2, rims_mps=(0.5, 0.5), asked_mps=(0.6, 0.4))):
         foresight.hear(message, 0.02)
