@@ -25,8 +25,9 @@ where it decoded nothing any more. A fault that only turning wheels show (supply
 no deadline while none is asked to turn faster than `safety.motion_way_m` within `safety.motion_window_s` can tell.
 *Rolled* is the way of the victim's body after the fault. A run is good if both stay within their bounds, the body
 comes to rest, nobody collides, the other robots' network stays whole, the robot is left in the run state of its
-action, and a failsafe of that row speaks. *Named*: no program can stop these motors (a stop switch can); the robot
-must say so and end as `fault`, and others that only its links hold together by then may part.
+action, and a failsafe of that row speaks. *CUT*: nothing brakes the body, and it rolls on; the network may be whole
+with the victim where it is or where it was cut off. *Named*: no program can stop these motors (a stop switch can); the
+robot must say so and end as `fault`, and others that only its links hold together by then may part.
 
 ## In lockstep
 

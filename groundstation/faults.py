@@ -7,7 +7,7 @@ import argparse
 import math
 import random
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +32,7 @@ LONGEST_S = 10.0
 """A fault that only turning wheels show is looked at until it has shown, but no longer than this."""
 STEP_S = 0.01
 REST_MPS = 0.01
+NOWHERE: Mapping[str, tuple[float, float]] = {}
 
 
 class _Watch(NamedTuple):
@@ -79,13 +80,16 @@ def play(row: Row, seed: int) -> Outcome:
 def _watch(world: World, row: Row, victim: str, at_s: float) -> _Watch:
     """Play on, with an eye on the victim's body and on the others' network.
 
-    Where no program can keep the victim where it is, those that hang together by it alone when it says so may part.
+    Where no program can keep the victim where it is, those that hang together by it alone when it says so may part. One
+    that is cut off rolls on for a while: they must be whole with it where it is, or where it was cut off.
     """
     wire = wire_of(world)
     hopeless = row.action == "named"
-    others = [name for name in world.agents if name != victim]
-    whole = connected(world, others) and connected(world, list(world.agents)) and not hopeless
-    place = world.hops.pose(victim)[:2]
+    everybody = list(world.agents)
+    others = [name for name in everybody if name != victim]
+    whole = connected(world, others) and connected(world, everybody) and not hopeless
+    began = place = world.hops.pose(victim)[:2]
+    left_at = {victim: began} if row.action == "CUT" else {}
     rolled, rest_s, split = 0.0, None, False
     spoken: list[str] = []
     for step in range(1, round(LONGEST_S / STEP_S) + 1):
@@ -96,7 +100,9 @@ def _watch(world: World, row: Row, victim: str, at_s: float) -> _Watch:
         left, right = wire.emulated.speeds(victim)
         rest = max(abs(left), abs(right)) * world.arena.platform.wheel_radius_m < REST_MPS
         rest_s = None if not rest else step * STEP_S if rest_s is None else rest_s
-        split = split or (whole and not connected(world, others) and not connected(world, list(world.agents)))
+        split = split or (
+            whole and not any(connected(world, *who) for who in ((others,), (everybody,), (everybody, left_at)))
+        )
         verdict = world.agents[victim].verdict
         if verdict is not None and verdict.failsafe and verdict.failsafe not in spoken:
             if hopeless and not spoken:
@@ -107,9 +113,12 @@ def _watch(world: World, row: Row, victim: str, at_s: float) -> _Watch:
     return _Watch(rest_s, rolled, tuple(spoken), split)
 
 
-def connected(world: World, names: Sequence[str]) -> bool:
-    """Whether these robots alone are one piece: by who is within r_c of whom."""
-    places = {name: world.hops.pose(name)[:2] for name in names}
+def connected(world: World, names: Sequence[str], left_at: Mapping[str, tuple[float, float]] = NOWHERE) -> bool:
+    """Whether these robots alone are one piece: by who is within r_c of whom.
+
+    :param left_at: places of robots that count instead of where they are.
+    """
+    places = {name: left_at.get(name) or world.hops.pose(name)[:2] for name in names}
     return _one_piece(names, lambda a, b: math.dist(places[a], places[b]) <= world.radius_m)
 
 

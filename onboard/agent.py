@@ -3,6 +3,7 @@
 Three feeders drive the same object: the runtime (real clock), ``simulate`` (lockstep) and ``replay``.
 """
 
+import math
 from typing import NamedTuple
 
 from contract.arena import Arena
@@ -31,7 +32,7 @@ from onboard.homing import Home, Homing
 from onboard.jump import MARGIN_SHARE, JumpCheck
 from onboard.laws import installed_law
 from onboard.motion import MotionCheck
-from onboard.odometry import Odometry
+from onboard.odometry import Odometry, Pose
 from onboard.pacing import Pacing
 from onboard.reception import Reception
 from onboard.safety import Supervisor, Verdict
@@ -251,9 +252,7 @@ class Agent:
         if own is not None and now_ns >= self._next_state_ns:
             self._next_state_ns = next_ns(self._next_state_ns, self._state_period_ns, now_ns)
             pose = self._odometry.predict(own[0], self.sensing.own_since_ns, now_ns)
-            motion = Motion(*pose, *self._odometry.rims)
-            asked = self._asked.standing(now_ns)
-            out.append((self._state_key, self.controller.announce(motion, now_ns, *self._asked.latest, asked)))
+            out.append((self._state_key, self._announce(pose, now_ns)))
         if verdict is not None and account.report_due(verdict, now_ns):
             pose_valid, faulty, sample = self._pose[0], bool(self._driver_fault[0]), self._feedback
             out += account.report(now_ns, verdict, pose_valid, sample, faulty, self._task(), self.controller)
@@ -262,6 +261,15 @@ class Agent:
         return out + account.logs()
 
     # --- inside -------------------------------------------------------------------------------
+
+    def _announce(self, pose: Pose, now_ns: int) -> NeighbourState:
+        rims, asked, rolls_to = self._odometry.rims, self._asked, None
+        standing = asked.standing(now_ns)
+        if asked.silent(now_ns):
+            rolls_to = self._guard.rolls_to(pose, rims, standing, asked.silence_s(now_ns))
+        elif not self._drive.enable:
+            rolls_to = self._guard.rolls_to(pose, rims, rims, math.inf)
+        return self.controller.announce(Motion(*pose, *rims), now_ns, *asked.latest, standing, rolls_to)
 
     def _on_frame(self, frame: MocapFrame, now_ns: int) -> bool:
         refusal = self.reception.take_frame(frame, now_ns)
@@ -332,7 +340,8 @@ class Agent:
         self._verdict = verdict
         if verdict.run == "disarmed":
             self.sensing.settle()
-        self.controller.vouch(verdict.run != "fault" and verdict.failsafe != "driver_silent")
+        obeyed = verdict.failsafe != "driver_silent" and not self._asked.silent(now_ns)
+        self.controller.vouch(verdict.run != "fault" and obeyed)
         self._account.verdict(verdict, now_ns)
         return verdict
 

@@ -29,6 +29,14 @@ class Asked:
             self._heard_ns = stamp_ns
             self._answered = self.latest
 
+    def silent(self, now_ns: int) -> bool:
+        """Whether the wheels may hear nothing."""
+        return now_ns - self._heard_ns > DOUBT_NS
+
     def standing(self, now_ns: int) -> Rims:
         """What the wheels follow, as far as they are known to hear."""
-        return self.latest if now_ns - self._heard_ns <= DOUBT_NS else self._answered
+        return self._answered if self.silent(now_ns) else self.latest
+
+    def silence_s(self, now_ns: int) -> float:
+        """Since the wheels were heard."""
+        return (now_ns - self._heard_ns) * 1e-9

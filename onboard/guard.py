@@ -1,5 +1,6 @@
 """What a law's command passes on its way to the wheels: the fence, separation, what a robot cut off would do. Pure."""
 
+import math
 from collections.abc import Iterable, Mapping
 
 from contract.arena import Arena
@@ -7,8 +8,10 @@ from contract.messages import NeighbourState
 from onboard import unicycle
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Decision, Heard, Left, Sighted
-from onboard.cut import cut_bounds, limit_cut
+from onboard.courses import cut_bounds, cut_way
+from onboard.cut import limit_cut
 from onboard.foresight import Foresight
+from onboard.hulls import Point
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
 from onboard.odometry import Pose
 
@@ -60,6 +63,15 @@ class Guard:
         speed, turn, cut_by = limit_cut(speed, turn, pose, rims_mps, asked_mps, around, self._cut_bounds)
         left, right = unicycle.rims(speed, turn, self._separation_m, self._max_speed_mps)
         return left, right, cut_by or limited_by or waits
+
+    def rolls_to(
+        self, pose: Pose, rims_mps: tuple[float, float], asked_mps: tuple[float, float], silence_s: float
+    ) -> Point:
+        """Where wheels that obey nobody since so long take a robot: they do what they were asked, then coast."""
+        standing_s = max(0.0, self._cut_bounds.standing_s - silence_s)
+        x_m, y_m = pose.x_m, pose.y_m
+        way = cut_way((x_m, y_m, pose.heading_rad, *rims_mps), *asked_mps, standing_s, self._cut_bounds)
+        return max(way, key=lambda point: math.hypot(point[0] - x_m, point[1] - y_m))
 
     def hear(self, state: NeighbourState, age_s: float) -> None:
         """Work out a neighbour's message when it comes; ``age_s``: about its age at the next command."""

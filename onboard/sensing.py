@@ -76,6 +76,8 @@ class Sensing:
         self._others: dict[str, Track] = {}
         self._left: dict[str, list[tuple[Track, bool]]] = {}
         """Where robots were before they jumped, and whether a link was kept with them then."""
+        self._within: dict[str, tuple[tuple[float, float, float, float, float, bool], int]] = {}
+        """Linked robots as they were last sighted within reach, and when."""
         self._heard: dict[str, tuple[NeighbourState, int]] = {}
         self._cloud = Cloud(())
         self._near: list[tuple[int, tuple[float, float]]] = []
@@ -207,10 +209,10 @@ class Sensing:
         """Robots within r_c of ``own``, at their last valid pose.
 
         Those unseen for 3 s are left out. One that is linked stays, however long it is unseen and however far away it
-        was last: the link binds wherever it has gone since.
+        was last: the link binds wherever it has gone since. Seen to be out of reach, it stays where it was within.
         """
         own_x, own_y, _ = own
-        radius_m, newest_ns = self._radius_m, self._newest_ns
+        radius_m, newest_ns, within = self._radius_m, self._newest_ns, self._within
         result = {}
         for name, track in self._others.items():
             x, y = track.x_m, track.y_m
@@ -221,6 +223,11 @@ class Sensing:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
                     seen = (x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
                     result[name] = record(Sighted, seen)
+                    if name in linked:
+                        within[name] = (seen, now_ns)
+            elif name in linked and name in within:
+                (x, y, vx, vy, age_s, _), then_ns = within[name]
+                result[name] = Sighted(x, y, vx, vy, age_s + (now_ns - then_ns) * 1e-9, False)
         return result
 
     def heard(self, sighted: Iterable[str], now_ns: int) -> dict[str, Heard]:

@@ -154,15 +154,23 @@ class Controller:
         return self._link_states
 
     def announce(
-        self, motion: Motion, stamp_ns: int, left_mps: float, right_mps: float, asked_mps: tuple[float, float]
+        self,
+        motion: Motion,
+        stamp_ns: int,
+        left_mps: float,
+        right_mps: float,
+        asked_mps: tuple[float, float],
+        rolls_to: Vector | None = None,
     ) -> NeighbourState:
         """The state message for this moment, given the rim speeds really commanded.
 
         :param asked_mps: those that the wheels follow if nothing else reaches them.
+        :param rolls_to: where they take it if they obey nobody any more.
         """
         tasking = self.tasking
         x, y, heading, left, right = motion
         long, short = self.planner.stop_points(motion, left_mps, right_mps)
+        long = rolls_to or long
         speed = (left + right) / 2
         self._seq += 1
         still = max(abs(left_mps), abs(right_mps), abs(left), abs(right)) < STILL_MPS

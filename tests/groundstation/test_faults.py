@@ -61,6 +61,7 @@ CASES = (
     ("wheels: supply of the motors cut (odrive)", 1417418707),
     ("motion capture: frozen", 63206090),
     ("motion capture: jump", 802665018),
+    ("wheels: one bit in 8 bytes (odrive)", 1823438501),
 )
 """Of longer runs that once ended badly."""
 
@@ -78,6 +79,7 @@ def test_robots_are_in_one_piece_by_their_places_before_they_are_by_their_links(
     assert (connected(world, names), linked(world, names)) == (True, True)
     world.agents[names[0]].controller.release()
     assert not linked(world, names[:2]), "both ends count"
+    assert not connected(world, names, {names[0]: (9.0, 9.0)})
 
 
 def test_a_fault_at_the_same_moment_is_the_same_fault() -> None:

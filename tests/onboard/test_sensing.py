@@ -75,8 +75,13 @@ def test_a_linked_robot_that_is_not_seen_stays_in_view_however_far_it_was_last()
     assert set(sensing.sighted(gone_on, 20 * MS, {"r02"})) == {"r02"}
     assert not sensing.sighted(gone_on, 20 * MS)
     assert set(sensing.sighted(gone_on, 20_000 * MS, {"r02"})) == {"r02"}
-    sensing.frame(frame(3, places))
-    assert not sensing.sighted(gone_on, 30 * MS, {"r02"}), "seen to be out of reach"
+    sensing.frame(frame(3, places | {"r02": (0.95, 0.0)}))
+    assert not sensing.sighted(gone_on, 30 * MS), "seen to be out of reach"
+    last = sensing.sighted(gone_on, 30 * MS, {"r02"})
+    assert list(last) == ["r02"]
+    assert (last["r02"].x_m, last["r02"].valid) == (0.9, False), "where it was within"
+    assert sensing.sighted(gone_on, 60 * MS, {"r02"})["r02"].age_s == pytest.approx(last["r02"].age_s + 0.03)
+    assert sensing.sighted(Pose(0.0, 0.0, 0.0), 60 * MS, {"r02"})["r02"].x_m == 0.95
 
 
 @pytest.mark.parametrize("seen_at_m", [0.4, 1.8])

@@ -134,6 +134,31 @@ def test_a_robot_tells_its_neighbours_and_its_own_limits_what_its_wheels_can_hav
     assert states(stage)[-1].asked_mps != last
 
 
+def test_a_robot_whose_wheels_obey_nobody_says_that_it_will_roll() -> None:
+    stage = Silent({"r02": (0.9, 0.5)})
+    stage.start()
+    arena = stage.agent.arena
+    stage.run(10)
+    before = states(stage)[-1]
+    stage.silent = True
+    stage.run(int(2 * DOUBT_NS / PERIOD_NS))
+    told = states(stage)[-1]
+    coasts_m = 0.3 * 0.3 / (2 * arena.platform.coast_deceleration_mps2)
+    assert math.dist(before.stop_long, (before.x_m, before.y_m)) < coasts_m
+    assert coasts_m < math.dist(told.stop_long, (told.x_m, told.y_m)) < coasts_m + 0.8 * arena.safety.watchdog_s
+    assert math.dist(told.stop_short, (told.x_m, told.y_m)) < coasts_m
+    assert told.links_on == ()
+
+
+def test_a_robot_without_power_says_that_it_coasts() -> None:
+    stage = Silent()
+    stage.run(20)
+    told = states(stage)[-1]
+    coasts_m = 0.3 * 0.3 / (2 * stage.agent.arena.platform.coast_deceleration_mps2)
+    assert stage.agent.run_state == "disarmed"
+    assert math.dist(told.stop_long, (told.x_m, told.y_m)) == pytest.approx(coasts_m, rel=0.02)
+
+
 def test_where_tracking_is_stuck_a_robot_tells_where_its_wheels_have_taken_it_since() -> None:
     stage = Silent()
     stage.run(20)
