@@ -5,7 +5,7 @@ through its router, the gate, the drivers and their lines, the emulated hardware
 them a frame is packed numbers, and every robot turns on the spot whatever it says; what the motors answer is thrown
 away unread.
 
-``bridge``  holds the router session; puts number, transmit stamp and poses of every frame
+``bridge``  begins the router; puts number, transmit stamp and poses of every frame
 ``agent``   writes the wheels' speeds at every frame and tells now and then what passed when
 """
 
@@ -65,8 +65,8 @@ def packed(frame: MocapFrame) -> bytes:
 def bridge(arena: Arena, ending: Ending) -> None:
     source = open_source(arena)
     pipeline = Pipeline(arena, time.monotonic_ns() // 1_000_000)
-    with open_session(arena.link.router) as opened:
-        outlet = publisher(opened, KEY, "mocap_frame")
+    with open_session(arena.link.router) as joined:
+        outlet = publisher(joined.session, KEY, "mocap_frame")
         print("READY bridge", flush=True)
         while not ending.now:
             source.wait(0.02)

@@ -49,7 +49,7 @@ class Link(Struct, frozen=True, forbid_unknown_fields=True):
     listen: tuple[Endpoint, ...] = ()
     """Where the router listens, if not at ``router``: such as ["quic/0.0.0.0:7447", "tls/0.0.0.0:7447"]."""
     keys: str = ""
-    """Folder of certificates, beside the arena file (docs/network.md); with it the router is a process of its own."""
+    """Folder of certificates, beside the arena file (docs/network.md); with it you start the router yourself."""
     insecure: bool = False
     """Allow a non-loopback router without certificates; every screen then says so."""
 

@@ -1,9 +1,9 @@
 """How every process joins the network: Zenoh settings as text, and quality of service by channel.
 
 The star: one router session, all other sessions are clients that connect to ``arena.link.router``. The
-motion-capture bridge holds the router where there are no keys, a process of its own where there are
-(``ahdc-groundstation router``). This module opens nothing: each room does, in its ``network.py``, with the
-settings of :func:`client_config`.
+router is a process of its own: where there are no keys a child of the motion-capture bridge, which begins and
+ends it, and where there are, one that is started by itself (``ahdc-groundstation router``). This module
+opens nothing: each room does, in its ``network.py``, with the settings of :func:`client_config`.
 
 Never leave a plain callback on a state channel: its subscribers use ``zenoh.handlers.RingChannel(1)``
 or a callback that only fills a slot and wakes a poll.

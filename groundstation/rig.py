@@ -30,7 +30,7 @@ HARDWARE_NICENESS = -15
 NICENESS = {"recorder": 0, "mock_arena": HARDWARE_NICENESS}
 
 ENDS = {"recorder": 1, "bridge": 2}
-"""The recorder hears the robots' last words; the bridge holds the router."""
+"""The recorder hears the robots' last words; the router goes with the bridge."""
 
 
 class Changes(NamedTuple):

@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda received, _: stop.append(received))
     arena = load(args.arena)
     if not arena.link.keys:
-        print("without link.keys the mocap bridge is the router; nothing to do here", file=sys.stderr)
+        print("without link.keys the mocap bridge begins the router; nothing to do here", file=sys.stderr)
         return 2
     import zenoh
 

@@ -3,14 +3,13 @@
 import time
 from collections.abc import Callable
 
-import zenoh
 from msgspec.structs import replace
 
 from contract.arena import Arena
 from contract.codec import encode
 from contract.keys import Keys
 from contract.messages import LogEntry, MocapHealth
-from mocap_bridge.network import publisher
+from mocap_bridge.network import Joined, publisher
 from mocap_bridge.pipeline import Pipeline
 from mocap_bridge.sources.base import Source
 from mocap_bridge.timekeeper import Timekeeper
@@ -25,11 +24,12 @@ NAME = "mocap_bridge"
 
 
 class Bridge:
-    """Pumps a source into a session until told to stop."""
+    """Pumps a source into the network until told to stop."""
 
-    def __init__(self, arena: Arena, source: Source, session: zenoh.Session, allow_edited: bool = False) -> None:
-        keys = Keys(arena.arena.name)
+    def __init__(self, arena: Arena, source: Source, joined: Joined, allow_edited: bool = False) -> None:
+        keys, session = Keys(arena.arena.name), joined.session
         self._source = source
+        self._joined = joined
         self._frames = publisher(session, keys.mocap_frame, "mocap_frame")
         self._health = publisher(session, keys.mocap_health, "mocap_health")
         self._log = publisher(session, keys.log(NAME), "log")
@@ -40,18 +40,22 @@ class Bridge:
         self._health_due_ns = self._looked_ns = 0
 
     def run(self, stopping: Callable[[], bool]) -> None:
-        """Until ``stopping()``."""
+        """Until ``stopping()``.
+
+        :raises mocap_bridge.router.RouterError: the router has ended, and cannot begin again.
+        """
         while not stopping():
             self._source.wait(WAIT_S)
             self.turn(time.monotonic_ns())
 
     def turn(self, now_ns: int) -> int:
-        """Receive, publish, report; returns the number of frames published."""
+        """Receive, publish, report, look after the router; returns the number of frames published."""
         frames = self._source.receive(now_ns)
         for frame in frames:
             self._frames.put(encode(self.pipeline.frame(frame, time.monotonic_ns())))
         if now_ns - self._looked_ns >= (FLOWING_LOOK_NS if frames else LOOK_NS) or now_ns >= self._health_due_ns:
             self._looked_ns = now_ns
+            self._joined.tend()
             self._report(now_ns)
         return len(frames)
 

@@ -1,4 +1,4 @@
-"""The bridge's Zenoh session: without keys the router of the network when its address is this host's."""
+"""The bridge's Zenoh session, and where it is for the bridge to begin it, the router beside it."""
 
 import os
 import signal
@@ -7,6 +7,7 @@ import socket
 from contract import network
 from contract.allocator import share_arenas
 from contract.exposure import host_of
+from mocap_bridge.router import Router
 
 os.environ.setdefault("ZENOH_RUNTIME", network.RUNTIME)
 
@@ -24,22 +25,54 @@ def is_local(endpoint: str) -> bool:
     return True
 
 
-def open_session(endpoint: str, identity: network.Identity | None = None) -> zenoh.Session:
-    """The router session, or a client session of the router at ``endpoint``; with an identity always a client.
+class Joined:
+    """A client session of the network, and the router's process if that is a child of this one."""
 
-    :raises zenoh.ZError: the address is taken, or no router answers.
+    def __init__(self, session: zenoh.Session, router: Router | None = None) -> None:
+        self.session = session
+        self.router = router
+
+    def __enter__(self) -> "Joined":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def tend(self) -> None:
+        """Mend a router that has ended (:meth:`mocap_bridge.router.Router.tend`).
+
+        :raises mocap_bridge.router.RouterError: it cannot be mended.
+        """
+        if self.router is not None:
+            self.router.tend()
+
+    def close(self) -> None:
+        """The session first, so that its last words still go out."""
+        try:
+            self.session.close()  # type: ignore[no-untyped-call]
+        finally:
+            if self.router is not None:
+                self.router.close()
+
+
+def open_session(endpoint: str, identity: network.Identity | None = None) -> Joined:
+    """A client session of the router at ``endpoint``, which begins first if there are no keys and it is this host's.
+
+    :raises mocap_bridge.router.RouterError: the address is taken.
+    :raises zenoh.ZError: no router answers.
     """
-    if identity is None and is_local(endpoint):
-        settings = network.router_config(endpoint)
-    else:
-        settings = network.client_config(endpoint, identity=identity)
+    router = Router(endpoint) if identity is None and is_local(endpoint) else None
     config = zenoh.Config()
-    for key, value in settings:
+    for key, value in network.client_config(endpoint, identity=identity):
         config.insert_json5(key, value)
     share_arenas()
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
     try:
-        return zenoh.open(config)
+        return Joined(zenoh.open(config), router)
+    except BaseException:
+        if router is not None:
+            router.close()
+        raise
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 

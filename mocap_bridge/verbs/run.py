@@ -1,7 +1,7 @@
 """Connect to the motion-capture system of the arena file and publish every frame.
 
-Opens the network's router first (when link.router is this host and has no keys) and prints "READY mocap_bridge";
-the motion-capture system may appear later, vanish and come back.
+Begins the network's router first (when link.router is this host and has no keys), a process that ends with this one,
+and prints "READY mocap_bridge"; the motion-capture system may appear later, vanish and come back.
 """
 
 import argparse
@@ -39,25 +39,31 @@ def run(options: argparse.Namespace) -> int:
 
     from mocap_bridge.bridge import NAME, Bridge
     from mocap_bridge.network import open_session
+    from mocap_bridge.router import RouterError
     from mocap_bridge.sources.base import OnNetwork
 
     if words := exposure((arena.link.router, *arena.link.listen), arena.link.keys):
         print(words, file=sys.stderr, flush=True)
     try:
-        session = open_session(arena.link.router, identity)
-    except zenoh.ZError as error:
+        joined = open_session(arena.link.router, identity)
+    except (zenoh.ZError, RouterError) as error:
         hint = "; does a router run, and does it take this certificate?" if identity else ""
         print(f"link.router = {arena.link.router}: {error}{hint}", file=sys.stderr)
         source.close()
         return 1
-    with session:
+    with joined:
         if isinstance(source, OnNetwork):
-            source.attach(session)
-        bridge = Bridge(arena, source, session, options.allow_replay)
+            source.attach(joined.session)
+        bridge = Bridge(arena, source, joined, options.allow_replay)
         gc.collect()
         gc.freeze()  # what lives now is never looked at again
         gc.set_threshold(50_000, 20, 100)
         print(f"READY {NAME}", flush=True)
-        bridge.run(lambda: bool(stop))
+        code = 0
+        try:
+            bridge.run(lambda: bool(stop))
+        except RouterError as error:
+            print(f"link.router = {arena.link.router}: {error}", file=sys.stderr)
+            code = 1
     source.close()
-    return 0
+    return code

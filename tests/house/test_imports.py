@@ -56,6 +56,7 @@ SHELLS = (
     "mocap_bridge/interfaces.py",
     "mocap_bridge/mock/udp.py",
     "mocap_bridge/network.py",
+    "mocap_bridge/router.py",
     "mocap_bridge/sources/*.py",
     "mocap_bridge/timekeeper.py",
     "mocap_bridge/verbs/*.py",

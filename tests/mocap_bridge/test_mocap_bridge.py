@@ -51,14 +51,14 @@ class Loop:
     def __init__(self, site: Arena, faults: str = "") -> None:
         self.arena = on_free_ports(site)
         self.keys = Keys(site.arena.name)
-        self.session = open_session(self.arena.link.router)
+        self.joined = open_session(self.arena.link.router)
         config = zenoh.Config()
         for key, value in network.client_config(self.arena.link.router):
             config.insert_json5(key, value)
         self.client = zenoh.open(config)
         self.received = self.client.declare_subscriber(self.keys.everything, zenoh.handlers.FifoChannel(10_000))
         self.source = open_source(self.arena)
-        self.bridge = Bridge(self.arena, self.source, self.session)
+        self.bridge = Bridge(self.arena, self.source, self.joined)
         settings = settings_of(self.arena, parse(faults))
         self.server = EmulatedServer(settings, [robot.body for robot in self.arena.robots.values()])
         self.shell: ServerShell | None = None
@@ -98,7 +98,7 @@ class Loop:
             self.shell.close()
         self.source.close()
         self.client.close()
-        self.session.close()
+        self.joined.close()
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_program_of_the_documentation_feeds_the_bridge(loops: list[Loop]) -> Non
     program = text.partition("```python\n")[2].partition("```")[0]
     loop = Loop(arena({"r06": (2.0, 2.0)}, source="external"))
     loops.append(loop)
-    loop.source.attach(loop.session)  # type: ignore[attr-defined]
+    loop.source.attach(loop.joined.session)  # type: ignore[attr-defined]
     assert "tcp/127.0.0.1:7447" in program
     sender = subprocess.Popen(
         [sys.executable, "-c", program.replace("tcp/127.0.0.1:7447", loop.arena.link.router)],
