@@ -43,6 +43,15 @@ def _signal(number: int, process: str = "") -> Inject:
     return lambda stage, victim: stage.signal(process or victim, number)
 
 
+def _freeze_network(stage: Stage, victim: str) -> None:
+    stage.signal("bridge", signal.SIGSTOP)
+    stage.signal_router(signal.SIGSTOP)
+
+
+def _kill_router(stage: Stage, victim: str) -> None:
+    stage.signal_router(signal.SIGKILL)
+
+
 def _pause(stage: Stage, victim: str) -> None:
     stage.signal(victim, signal.SIGSTOP)
     stage.watch(PAUSE_S)
@@ -90,7 +99,9 @@ def _rows() -> tuple[Row, ...]:
     rows += [
         Row("motion capture", "silence", "HOLD", _udp("dropped"), silence_s + TOLD_S),
         Row("motion capture", "one bit of every datagram", "HOLD", _udp("corrupted"), silence_s + TOLD_S),
-        Row("radio", "router and bridge frozen", "HOLD", _signal(signal.SIGSTOP, "bridge"), silence_s, blind=True),
+        Row("motion capture", "bridge frozen", "HOLD", _signal(signal.SIGSTOP, "bridge"), silence_s),
+        Row("radio", "router and bridge frozen", "HOLD", _freeze_network, silence_s, blind=True),
+        Row("radio", "router killed", "HOLD", _kill_router, silence_s, resumes=True, blind=True),
         Row(
             "radio",
             "router and bridge killed, restarted",

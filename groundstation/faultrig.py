@@ -159,6 +159,10 @@ class Stage:
     def signal(self, process: str, number: int) -> None:
         self.rig.family.child(process).signal(number)
 
+    def signal_router(self, number: int) -> None:
+        """It is a child of the bridge."""
+        self.rig.family.child("bridge").signal_kin(number)
+
     def full_disk(self, process: str, on: bool = True) -> None:
         """No file of that process may grow any more, or all may again."""
         number = self.rig.family.child(process).pid
@@ -188,6 +192,7 @@ class Stage:
         for child in list(self.rig.family.children):
             if child.code is None:
                 child.signal(signal.SIGCONT)
+                child.signal_kin(signal.SIGCONT)
                 self.full_disk(child.name, False)
             else:
                 self.rig.start_again(child.name)

@@ -33,6 +33,13 @@ def _die_with(parent: int, niceness: int) -> None:
     signal.pthread_sigmask(signal.SIG_SETMASK, set())
 
 
+def kin(pid: int) -> list[int]:
+    """The processes that the main thread of a process has started and not yet taken leave of; none if it is no more."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return []
+
+
 class ChildError(RuntimeError):
     """A process did not become ready, or ended when it should not have."""
 
@@ -98,6 +105,12 @@ class Child:
     def signal(self, number: int) -> None:
         if self.code is None:
             self._process.send_signal(number)
+
+    def signal_kin(self, number: int) -> None:
+        """To those that it has started: the bridge's router."""
+        for pid in kin(self.pid) if self.code is None else ():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, number)
 
     def wait(self, timeout_s: float) -> bool:
         with contextlib.suppress(subprocess.TimeoutExpired):

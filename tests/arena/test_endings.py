@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.processes import Child, ChildError, Family
+from groundstation.processes import Child, ChildError, Family, kin
 from tests.arena.conftest import PATIENCE_S, ROOT, alive
 
 END_S = 2.0
@@ -26,10 +26,11 @@ def wait(done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) ->
 
 
 def children_of(pid: int) -> dict[int, str]:
-    """Process id to command line."""
+    """Process id to command line, children's children as well."""
     found = {}
-    for number in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        found[int(number)] = Path(f"/proc/{number}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    for number in kin(pid):
+        found[number] = Path(f"/proc/{number}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+        found |= children_of(number)
     return found
 
 
@@ -80,7 +81,8 @@ def started(demo: Demo) -> tuple[dict[int, str], list[Path]]:
     wait(lambda: " running " in demo.said() or demo.process.poll() is not None, "the mission runs")
     assert demo.process.poll() is None, demo.said()
     children, ptys = children_of(demo.process.pid), demo.ptys()
-    assert len(children) == 5, children
+    assert len(children) == 6, children
+    assert any("mocap_bridge.router" in words for words in children.values())
     assert len(ptys) == 2
     recorded = demo.out / "run.mcap"
     wait(lambda: recorded.exists() and recorded.stat().st_size > 400_000, "some seconds recorded")

@@ -3,6 +3,7 @@
 import math
 import os
 import select
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from groundstation import current
 from groundstation.cli import main
 from groundstation.mock_arena import flip_bit, follow
 from groundstation.orders import Acknowledgement, describe, status_lines
-from groundstation.processes import Family
+from groundstation.processes import Family, kin
 from groundstation.rig import ARENAS, Changes, find_arena, free_ports, mock_arena, write_config
 from groundstation.targets import cloud_of
 from mocap_bridge.natnet.wire import Malformed, MessageId, open_packet, packet
@@ -156,6 +157,26 @@ def test_processes_end_group_by_group(tmp_path: Path) -> None:
         assert family.end() == dict.fromkeys(("r06", "r08", "recorder", "bridge"), 0)
     assert log.read_text().split()[2:] == ["recorder", "bridge"]
     assert sorted(log.read_text().split()[:2]) == ["r06", "r08"]
+
+
+def test_what_a_process_has_started_is_signalled_without_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (
+        "import subprocess\n"
+        "child = subprocess.Popen(['sleep', '60'])\n"
+        "print('READY', flush=True)\n"
+        "raise SystemExit(-child.wait())\n"
+    )
+    (tmp_path / "child_with_kin.py").write_text(text)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", ""))))
+    with Family() as family:
+        child = family.start("parent", "child_with_kin", [], tmp_path / "parent.log")
+        family.wait_ready(20.0)
+        assert len(kin(child.pid)) == 1
+        child.signal_kin(signal.SIGKILL)
+        assert child.wait(20.0)
+        assert child.code == signal.SIGKILL
+        assert kin(child.pid) == []
+        child.signal_kin(signal.SIGKILL)
 
 
 @pytest.mark.parametrize("verb", ["stop", "status", "home", "doctor", "watch", "page"])

@@ -18,6 +18,7 @@ from contract import network
 from contract.codec import decode
 from contract.keys import Keys
 from contract.messages import MocapFrame, MocapHealth
+from groundstation.processes import kin
 from mocap_bridge.mock.bodies import settings_of
 from mocap_bridge.mock.script import Script
 from mocap_bridge.mock.server import EmulatedServer
@@ -90,8 +91,10 @@ class RealTime:
                     judge.health(message)
 
     def memory_bytes(self) -> int:
-        pages = int(Path(f"/proc/{self.bridge.pid}/statm").read_text().split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE")
+        """Of the bridge and its router."""
+        both = (self.bridge.pid, *kin(self.bridge.pid))
+        pages = (int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in both)
+        return sum(pages) * os.sysconf("SC_PAGE_SIZE")
 
     def close(self) -> None:
         self.session.close()

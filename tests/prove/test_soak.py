@@ -6,6 +6,7 @@ process that ends within minutes is still warming up.
 ``AHDC_SOAK_MINUTES`` sets another length, ``AHDC_SOAK_ROBOTS`` another swarm.
 """
 
+import contextlib
 import os
 import random
 import statistics
@@ -19,6 +20,7 @@ from groundstation import rig
 from groundstation.faultreal import REAL_ROWS, play
 from groundstation.faultrig import Stage, unreadable
 from groundstation.link import Link
+from groundstation.processes import kin
 
 MINUTES = float(os.environ.get("AHDC_SOAK_MINUTES", "30"))
 ROBOTS = int(os.environ.get("AHDC_SOAK_ROBOTS", "3"))
@@ -65,9 +67,13 @@ def grown(name: str, looks: list[Look]) -> list[str]:
     return found
 
 
-def kin(pid: int) -> set[int]:
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return {int(child) for child in children}
+def left_behind(*marks: str) -> list[str]:
+    """Command lines of processes, whosever children, that have one of these in it."""
+    found = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            found.append(file.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return [words for words in found if any(mark in words for mark in marks)]
 
 
 def ptys() -> int:
@@ -86,7 +92,7 @@ def report(looks: dict[tuple[str, int], list[Look]]) -> None:
 
 @pytest.mark.timeout(0)
 def test_missions_with_random_faults_one_after_another(tmp_path: Path) -> None:
-    before, ptys_before = kin(os.getpid()), ptys()
+    before, ptys_before = set(kin(os.getpid())), ptys()
     seed = random.SystemRandom().randrange(1 << 30)
     draw = random.Random(seed)
     print(f"\nseed {seed}, {MINUTES:g} minutes, {ROBOTS} robots", flush=True)
@@ -109,7 +115,9 @@ def test_missions_with_random_faults_one_after_another(tmp_path: Path) -> None:
                     bad.append(f"{outcome.row} (repetition {outcome.seed}): {'; '.join(outcome.faults)}")
                     print(bad[-1], flush=True)
                 at_s = time.monotonic() - began
-                alive = {(child.name, child.pid) for child in processes.family.children}
+                family = processes.family.children
+                alive = {(child.name, child.pid) for child in family}
+                alive |= {("router", pid) for child in family for pid in kin(child.pid)}
                 for name, pid in alive:
                     looks.setdefault((name, pid), []).append(look(pid, at_s))
                 timings = [entry.timing for entry in stage.reports.values() if entry.timing is not None]
@@ -123,8 +131,9 @@ def test_missions_with_random_faults_one_after_another(tmp_path: Path) -> None:
     bad += unreadable(out)
     if late > SLOWER * early + SLOWER_MS:
         bad.append(f"loops became late: {early:.1f} ms, then {late:.1f} ms")
-    if left := kin(os.getpid()) - before:
+    if left := set(kin(os.getpid())) - before:
         bad.append(f"processes left behind: {left}")
+    bad += [f"left behind: {words}" for words in left_behind(arena.link.router, str(out))]
     if ptys() > ptys_before:
         bad.append(f"{ptys() - ptys_before} pty(s) left behind")
     assert not bad, "\n".join(bad)
