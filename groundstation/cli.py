@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from contract.arena import ArenaError
+from groundstation import compiled
 from groundstation.current import NoArenaError
 
 PROGRAM = "ahdc-groundstation"
@@ -30,6 +31,7 @@ class Verb(NamedTuple):
 VERBS: dict[str, Verb] = {
     "demo": Verb("groundstation.demo", "run a whole mission in the mock arena, every hop real bytes", "Try"),
     "simulate": Verb("groundstation.simulate", "run many missions in lockstep virtual time", "Try"),
+    "compile": Verb("groundstation.compiled", "make simulate faster: machine code of the control law, once", "Try"),
     "experiment": Verb("groundstation.experiment", "run a file's trials, resumable, and aggregate them", "Try"),
     "faults": Verb("groundstation.faults", "inject every fault of the matrix in virtual time and judge", "Try"),
     "radio": Verb("groundstation.radio", "the same mission over a worse and worse radio, as a table", "Try"),
@@ -114,6 +116,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if name not in VERBS:
         return _unknown(name)
+    if argv is None and name == "simulate":
+        compiled.take()
     try:
         module = importlib.import_module(VERBS[name].module)
     except ImportError as error:

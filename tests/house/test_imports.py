@@ -60,6 +60,7 @@ SHELLS = (
     "mocap_bridge/sources/*.py",
     "mocap_bridge/timekeeper.py",
     "mocap_bridge/verbs/*.py",
+    "groundstation/compiled.py",
     "groundstation/conduct.py",
     "groundstation/demo.py",
     "groundstation/deploy.py",

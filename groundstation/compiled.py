@@ -1,0 +1,187 @@
+"""``compile``: machine code of ``onboard`` for long sweeps, by mypyc, from the very sources: the same missions.
+
+``simulate`` takes it where it is there and no source has changed since; robots, tests and everything else never do.
+It is kept in the environment, in a folder for one version of the sources.
+"""
+
+import argparse
+import hashlib
+import importlib.metadata
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from pathlib import Path
+
+SHELLS = (
+    "checkup", "cli", "computer", "doctor", "journal", "network", "runtime", "service", "site_time", "switches",
+)  # fmt: skip
+"""Modules of ``onboard`` that no simulated robot needs."""
+KEPT = ("foresight",)
+"""Modules that stay as they are: mypyc makes no class that inherits from a tuple."""
+OFF = "AHDC_COMPILED"
+"""Set to 0, this variable of the environment keeps ``simulate`` from taking machine code."""
+SHOW_S = 2.0
+"""On a terminal; elsewhere a line now and then is enough."""
+LINE_S = 15.0
+
+
+class CompileError(Exception):
+    """It cannot be compiled here; the text says why and what to do."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Compile the control law for simulate: the same missions, bit for bit, in less time. Takes two to five minutes "
+        "and a C compiler; to be done again when the sources have changed. Robots never run it. "
+        f"{OFF}=0 in the environment makes simulate do without."
+    )
+    parser.add_argument("--force", action="store_true", help="compile although it is there already")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code 1 where it cannot be compiled."""
+    if current() is not None and not args.force:
+        print("already compiled; simulate takes it")
+        return 0
+    began_s = time.monotonic()
+    try:
+        folder = build(sources(), home())
+    except CompileError as error:
+        print(f"compile: {error}", file=sys.stderr)
+        return 1
+    print(f"compiled in {time.monotonic() - began_s:.0f} s, into {folder}; simulate takes it from now on")
+    return 0
+
+
+def sources() -> Path:
+    """The folder that holds the rooms."""
+    found = importlib.util.find_spec("contract")
+    assert found is not None
+    assert found.origin is not None
+    return Path(found.origin).parent.parent
+
+
+def home() -> Path:
+    """Where machine code is kept."""
+    return Path(sys.prefix) / "ahdc-compiled"
+
+
+def modules(folder: Path) -> list[str]:
+    """Paths, from there, of what is compiled."""
+    left = {*SHELLS, *KEPT, "__init__", "__main__"}
+    return sorted(str(path.relative_to(folder)) for path in (folder / "onboard").rglob("*.py") if path.stem not in left)
+
+
+def version_of(folder: Path) -> str:
+    """Changes with every source that goes in and with what makes machine code of it."""
+    said = hashlib.sha256(f"{sysconfig.get_config_var('EXT_SUFFIX')} {sys.version} {_mypy()}".encode())
+    for room in ("contract", "onboard"):
+        for path in sorted((folder / room).rglob("*.py")):
+            said.update(f"\n{path.relative_to(folder)} {path.stat().st_size}\n".encode() + path.read_bytes())
+    return said.hexdigest()[:16]
+
+
+def current() -> Path | None:
+    """The folder of machine code of the sources as they are, None without."""
+    folder = home() / version_of(sources())
+    return folder if folder.is_dir() else None
+
+
+def take() -> bool:
+    """Import ``onboard`` from machine code from now on, also in processes to come; False where it cannot be."""
+    if "onboard" in sys.modules or os.environ.get(OFF) == "0" or not home().is_dir():
+        return False
+    folder = current()
+    if folder is not None:
+        sys.path.insert(0, str(folder))
+    return folder is not None
+
+
+def build(source: Path, target: Path, only: tuple[str, ...] = ()) -> Path:
+    """Compile into a folder of ``target``, named after the version, that is there whole or not at all.
+
+    :param only: modules, as :func:`modules` names them; all of them if empty.
+    :raises CompileError: a tool is missing, or the compiler refuses.
+    """
+    _look_for_tools()
+    chosen = only or tuple(modules(source))
+    target.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target) as name:
+        work = Path(name)
+        for room in ("contract", "onboard"):
+            shutil.copytree(source / room, work / room, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+        _compile(work, chosen)
+        _check(work, chosen[0])
+        for part in ("build", "contract", ".mypy_cache", "log"):
+            path = work / part
+            path.unlink() if path.is_file() else shutil.rmtree(path, ignore_errors=True)
+        folder = target / version_of(source)
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(work, folder.with_suffix(".new"), dirs_exist_ok=True)
+        folder.with_suffix(".new").rename(folder)
+    for old in target.iterdir():
+        if old != folder:
+            shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+def _look_for_tools() -> None:
+    for package in ("mypyc", "setuptools"):
+        if importlib.util.find_spec(package) is None:
+            raise CompileError(f"{package} is not installed; remedy: pip install mypy setuptools (./kit has both)")
+    compiler = str(sysconfig.get_config_var("CC") or "cc").split()[0]
+    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
+    if shutil.which(compiler) is None or not header.is_file():
+        raise CompileError("no C compiler, or no headers of Python; remedy: sudo apt-get install gcc python3-dev")
+
+
+def _compile(work: Path, chosen: tuple[str, ...]) -> None:
+    command = [sys.executable, "-m", "mypyc", "--config-file=", "--ignore-missing-imports", *chosen]
+    environment = {**os.environ, "MYPYC_DEBUG_LEVEL": "0", "PYTHONPATH": ""}
+    began_s = time.monotonic()
+    with (work / "log").open("w") as log:
+        process = subprocess.Popen(command, cwd=work, env=environment, stdout=log, stderr=log)
+        try:
+            while process.poll() is None:
+                try:
+                    process.wait(SHOW_S if sys.stderr.isatty() else LINE_S)
+                except subprocess.TimeoutExpired:
+                    _show(f"compiling {len(chosen)} modules: {time.monotonic() - began_s:.0f} s")
+        finally:
+            process.kill()
+            process.wait()
+    _show("")
+    if process.returncode:
+        said = [line for line in (work / "log").read_text().splitlines() if "error" in line.lower()]
+        raise CompileError("mypyc refuses:\n  " + "\n  ".join(said[:10]))
+
+
+def _show(text: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{text:<60}" if text else f"\r{'':<60}\r", end="", file=sys.stderr, flush=True)
+    elif text:
+        print(text, file=sys.stderr, flush=True)
+
+
+def _check(work: Path, module: str) -> None:
+    """That what was made can be imported, and is machine code."""
+    name = module.removesuffix(".py").replace("/", ".")
+    look = f"import importlib; print(importlib.import_module({name!r}).__file__)"
+    done = subprocess.run(
+        [sys.executable, "-c", look], cwd=work, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": ""},
+    )  # fmt: skip
+    if done.returncode or not done.stdout.strip().endswith(str(sysconfig.get_config_var("EXT_SUFFIX"))):
+        raise CompileError(f"{name} does not work as machine code: {(done.stderr or done.stdout).strip()[-300:]}")
+
+
+def _mypy() -> str:
+    try:
+        return importlib.metadata.version("mypy")
+    except importlib.metadata.PackageNotFoundError:
+        return ""

@@ -1,0 +1,118 @@
+"""Machine code of the law: which sources it is of, who takes it, and that a compiler makes it."""
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from groundstation import cli, compiled
+
+HEADER = Path(sysconfig.get_paths()["include"]) / "Python.h"
+COMPILER = shutil.which(str(sysconfig.get_config_var("CC") or "cc").split()[0])
+
+
+@pytest.fixture
+def rooms(tmp_path: Path) -> Path:
+    for room in ("contract", "onboard"):
+        (tmp_path / room).mkdir()
+        (tmp_path / room / "__init__.py").write_text('"""Nothing."""\n')
+    (tmp_path / "onboard" / "law.py").write_text("def twice(x: float) -> float:\n    return 2.0 * x\n")
+    return tmp_path
+
+
+@pytest.fixture
+def fresh(rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A process that has not imported ``onboard`` yet; where its machine code would be."""
+    monkeypatch.setattr(compiled, "sources", lambda: rooms)
+    monkeypatch.setattr(compiled, "home", lambda: tmp_path / "kept")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "onboard", raising=False)
+    monkeypatch.delenv(compiled.OFF, raising=False)
+    return tmp_path / "kept" / compiled.version_of(rooms)
+
+
+@pytest.mark.parametrize("room", ["contract", "onboard"])
+def test_the_version_is_that_of_every_source(rooms: Path, room: str) -> None:
+    before = compiled.version_of(rooms)
+    (rooms / room / "new.py").write_text("")
+    added = compiled.version_of(rooms)
+    (rooms / room / "new.py").write_text("x = 1\n")
+    assert len({before, added, compiled.version_of(rooms)}) == 3
+    (rooms / room / "new.py").unlink()
+    assert compiled.version_of(rooms) == before
+
+
+def test_machine_code_is_taken_where_it_is_of_the_sources_as_they_are(fresh: Path, rooms: Path) -> None:
+    assert not compiled.take()
+    fresh.mkdir(parents=True)
+    assert compiled.take()
+    assert sys.path[0] == str(fresh)
+    sys.path.pop(0)
+    (rooms / "onboard" / "law.py").write_text("")
+    assert not compiled.take()
+    assert str(fresh) not in sys.path
+
+
+def test_it_is_not_taken_where_it_must_not_be(fresh: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fresh.mkdir(parents=True)
+    with monkeypatch.context() as patch:
+        patch.setenv(compiled.OFF, "0")
+        assert not compiled.take()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "onboard", sys)
+        assert not compiled.take(), "imported already"
+    assert compiled.take()
+
+
+def test_only_the_command_itself_takes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[str] = []
+    monkeypatch.setattr(compiled, "take", lambda: taken.append("taken"))
+    assert cli.main(["simulate", "--runs", "0"]) == 2
+    assert taken == []
+    monkeypatch.setattr(sys, "argv", ["ahdc-groundstation", "topics"])
+    assert cli.main() == 0
+    assert taken == []
+    monkeypatch.setattr(sys, "argv", ["ahdc-groundstation", "simulate", "--runs", "0"])
+    assert cli.main() == 2
+    assert taken == ["taken"]
+
+
+def test_what_is_left_out_is_there() -> None:
+    folder = compiled.sources() / "onboard"
+    assert all((folder / f"{name}.py").is_file() for name in (*compiled.SHELLS, *compiled.KEPT))
+    chosen = compiled.modules(folder.parent)
+    assert {"onboard/agent.py", "onboard/ahdc/plan.py", "onboard/cut.py"} <= set(chosen)
+    assert not {"onboard/runtime.py", "onboard/foresight.py", "onboard/ahdc/__init__.py"} & set(chosen)
+
+
+@pytest.mark.parametrize("missing", ["compiler", "package"])
+def test_without_a_tool_it_says_which_and_what_to_do(
+    rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    if missing == "compiler":
+        monkeypatch.setattr(shutil, "which", lambda name: None)
+    else:
+        monkeypatch.setattr(compiled.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(compiled.CompileError, match=r"remedy: (sudo apt-get|pip) install"):
+        compiled.build(rooms, tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.skipif(COMPILER is None or not HEADER.is_file(), reason="no C compiler or no headers of Python")
+def test_a_compiler_makes_it_whole_or_not_at_all(rooms: Path, tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    folder = compiled.build(rooms, kept)
+    assert [path.name for path in kept.iterdir()] == [compiled.version_of(rooms)]
+    look = "from onboard import law; print(law.__file__, law.twice(1.5))"
+    command = [sys.executable, "-P", "-c", look]
+    path, value = subprocess.check_output(command, env={"PYTHONPATH": str(folder)}, text=True).split()
+    assert path.endswith(str(sysconfig.get_config_var("EXT_SUFFIX")))
+    assert value == "3.0"
+    assert not (folder / "contract").exists()
+    (rooms / "onboard" / "law.py").write_text("def twice(x: float) -> float:\n    return 'no'\n")
+    with pytest.raises(compiled.CompileError, match=r"law\.py:2: error"):
+        compiled.build(rooms, kept)
+    assert list(kept.iterdir()) == [folder]
