@@ -1,17 +1,19 @@
 """Cost of one robot's control step, in this process: what the law, the limits and the whole step take.
 
-    ./kit exec python bench/law_step.py [--robots N ...] [--seconds S] [--repeat R] [--json FILE]
+    ./kit exec python bench/law_step.py [--robots N ...] [--seconds S] [--repeat R] [--json FILE] [--compiled]
 
 Missions in virtual time under field conditions, both profiles. Per number of robots and of neighbours in sight:
 median and 99th percentile in microseconds of ``act`` (velocity and plan), ``think`` (tasks and links), ``limit``
 (fence and separation), ``law`` (the three together), ``cut`` (the limit on what a robot cut off would do), ``step``
-(the agent from newest pose to wheel speeds) and ``announce`` (one state message). Times of one machine and one run
-compare; others do not.
+(the agent from newest pose to wheel speeds) and ``announce`` (one state message). Of machine code (``--compiled``,
+after ``ahdc-groundstation compile``) only ``step`` can be told. Times of one machine and one run compare; others do
+not.
 """
 
 import argparse
 import gc
 import json
+import os
 import statistics
 import sys
 import time
@@ -22,6 +24,7 @@ from typing import Any, Literal
 
 import onboard.agent as agents
 import onboard.guard as guards
+from groundstation import compiled
 from groundstation.conditions import FIELD
 from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
@@ -30,7 +33,8 @@ from onboard.ahdc.controller import Controller
 
 ROBOTS = (2, 4, 6, 7, 10, 15, 20)
 TARGETS_A_ROBOT = 3
-FIGURES = ("act", "think", "limit", "law", "cut", "step", "announce")
+COMPILED = not str(agents.__file__).endswith(".py")
+FIGURES = ("step",) if COMPILED else ("act", "think", "limit", "law", "cut", "step", "announce")
 FEWEST_STEPS = 50
 """Rows of fewer steps are left out."""
 
@@ -57,12 +61,38 @@ def timed(owner: Any, name: str, times: list[int]) -> Iterator[None]:
         setattr(owner, name, call)
 
 
+class Clocked:
+    """An agent whose steps are timed from outside: nothing can be put into machine code."""
+
+    def __init__(self, agent: agents.Agent, times: list[int], neighbours: list[int]) -> None:
+        self._agent, self._times, self._neighbours = agent, times, neighbours
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._agent, name)
+
+    def step(self, now_ns: int) -> agents.Drive:
+        agent = self._agent
+        began_ns = time.perf_counter_ns()
+        drive = agent.step(now_ns)
+        self._times.append(time.perf_counter_ns() - began_ns)
+        own = agent.sensing.own()
+        self._neighbours.append(len(agent.sensing.sighted(own[0], now_ns)) if own else 0)
+        return drive
+
+
 def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[Times, list[int]]:
     """Times of every call of one mission, and the neighbours in sight at every step."""
     job = Job(robots, TARGETS_A_ROBOT * robots, seed, profile, "field", seconds)
     world = World(arena_for(job), scenario(job.robots, job.targets, seed), FIELD, seed, seconds)
     times: Times = {name: [] for name in FIGURES}
     neighbours: list[int] = []
+    if COMPILED:
+        for name, agent in world.agents.items():
+            world.agents[name] = Clocked(agent, times["step"], neighbours)  # type: ignore[assignment]
+        gc.collect()
+        gc.freeze()
+        world.run()
+        return times, neighbours
     act: Callable[..., Any] = Controller.act
 
     def counted(controller: Controller, view: Any) -> Any:
@@ -90,7 +120,7 @@ def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[T
 
 def row(profile: str, of: str, count: int, times: Times) -> dict[str, Any]:
     """One line: ``of`` is 'robots' or 'neighbours'."""
-    figures: dict[str, Any] = {"profile": profile, "of": of, "count": count, "steps": len(times["law"])}
+    figures: dict[str, Any] = {"profile": profile, "of": of, "count": count, "steps": len(times["step"])}
     for name in FIGURES:
         if times[name]:
             cuts = statistics.quantiles(times[name], n=100, method="inclusive")
@@ -117,7 +147,7 @@ def rows(
                     kept[name].append(values[k])
         yield row(profile, "robots", count, total)
     for seen in sorted(near):
-        if len(near[seen]["law"]) >= FEWEST_STEPS:
+        if len(near[seen]["step"]) >= FEWEST_STEPS:
             yield row(profile, "neighbours", seen, near[seen])
 
 
@@ -131,8 +161,15 @@ def main() -> int:
     parser.add_argument("--profile", choices=("field", "paper"), action="append", help="default: both")
     parser.add_argument("--seconds", type=float, default=6.0, help="virtual time of a mission (default 6)")
     parser.add_argument("--repeat", type=int, default=1, help="missions a number of robots (default 1)")
+    parser.add_argument("--compiled", action="store_true", help="machine code of the law, which has to be there")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here, too")
     options = parser.parse_args()
+    if options.compiled and not COMPILED:
+        folder = compiled.current()
+        if folder is None:
+            print("no machine code of these sources: ahdc-groundstation compile makes it", file=sys.stderr)
+            return 2
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, "PYTHONPATH": str(folder)})
     found = []
     print(f"{'p50 / p99, us':>22}" + "".join(f"{name:>14}" for name in FIGURES))
     for profile in options.profile or ("field", "paper"):
