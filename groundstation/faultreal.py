@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation import rig
 from groundstation.faultkept import Kept
-from groundstation.faultrig import LATE_S, TRIES, Stage, StageError, rest_s, rolled_m, unreadable
+from groundstation.faultrig import LATE_S, TRIES, Place, Stage, StageError, rest_s, rolled_m, unreadable
 from groundstation.faultrows import AGE_S, SHOWN_BY_TURNING, TURN_S, Action, Outcome, Row, allowed_m
 from groundstation.faultwords import gentle_radps, judge, zero_after_s
 from groundstation.link import Link
@@ -178,13 +178,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     stage.repair()
     stage.watch(LATE_S)
     samples = [sample for sample in stage.samples.get(victim, ()) if sample.stamp_ns < until_ns]
-    places = [place for place in stage.places[victim] if since_ns <= place.stamp_ns]
-    if row.blind:
-        seen = places[:1]
-        places = [before._replace(stamp_ns=since_ns, speed_mps=0.0), *seen] if seen else []
-    else:
-        end_ns = injected_ns if row.resumes else until_ns
-        places = [place for place in places if place.stamp_ns < end_ns]
+    places = judged_by(row, stage.places[victim], before, (since_ns, injected_ns, until_ns))
     gentle = gentle_radps(row, stage.arena)
     zero_s = None if row.blind else zero_after_s(samples, since_ns, row.resumes, gentle)
     outcome = Outcome(
@@ -202,6 +196,22 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         state=state,
     )
     return judged(row, outcome, stage)
+
+
+def judged_by(row: Row, places: Sequence[Place], before: Place, times_ns: tuple[int, int, int]) -> list[Place]:
+    """The places that say what a victim did.
+
+    :param before: the last place before the fault.
+    :param times_ns: when the fault began, when all of it was there, when it was repaired. While a network is being
+        frozen, one more place may still come through.
+    """
+    since_ns, injected_ns, until_ns = times_ns
+    if row.blind:
+        first_ns = since_ns if row.resumes else injected_ns
+        seen = [place for place in places if first_ns <= place.stamp_ns][:1]
+        return [before._replace(stamp_ns=since_ns, speed_mps=0.0), *seen] if seen else []
+    end_ns = injected_ns if row.resumes else until_ns
+    return [place for place in places if since_ns <= place.stamp_ns < end_ns]
 
 
 def judged(row: Row, outcome: Outcome, stage: Stage) -> Outcome:

@@ -11,7 +11,7 @@ from contract.messages import MotorSample
 from groundstation.conditions import FIELD
 from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown, percentiles
-from groundstation.faultreal import REAL_ROWS, judged
+from groundstation.faultreal import REAL_ROWS, judged, judged_by
 from groundstation.faultrig import Place, rest_s, rolled_m, unreadable
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
 from groundstation.faults import connected, linked, play
@@ -272,3 +272,24 @@ def test_the_page_has_every_row_and_its_figures() -> None:
     assert "| 1/1 |" in page
     assert percentiles([3.0, 1.0, 2.0]) == (2.0, 3.0, 3.0)
     assert percentiles([]) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("radio: router and bridge frozen", [1.0, 9.0]),
+        ("radio: router killed", [1.0, 1.1]),
+        ("process: hung", [1.1, 2.0, 8.0]),
+        ("process: hung for 0.6 s", [1.1]),
+    ],
+)
+def test_what_came_through_while_a_network_was_being_frozen_does_not_say_where_it_came_to_rest(
+    name: str, kept: list[float]
+) -> None:
+    row = next(row for row in REAL_ROWS if row.name == name)
+    stamps_s = (0.9, 1.1, 2.0, 8.0, 9.0) if not row.blind else (0.9, 1.1, 9.0)
+    places = [Place(round(at_s * 1e9), at_s, 0.0, 0.5) for at_s in stamps_s]
+    times_ns = (1_000_000_000, 1_200_000_000, 8_500_000_000)
+    found = judged_by(row, places, Place(900_000_000, 0.9, 0.0, 0.5), times_ns)
+    assert [place.stamp_ns * 1e-9 for place in found] == kept
+    assert not row.blind or found[0].speed_mps == 0.0
