@@ -147,17 +147,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     draw = random.Random(f"{row.name} {seed}")
     robots = stage.arena.robots
     fit = [name for name in robots if row.family in ("", robots[name].wheels["kind"])]
-    for _ in range(TRIES):
-        stage.to_running()
-        began = time.monotonic()
-        stage.watch(draw.uniform(0.2, 1.0))
-        moving = [name for name in fit if name in stage.moving()]
-        if moving and stage.session.phase == "running":
-            break
-    else:
-        raise StageError(f"no robot of {', '.join(fit)} moves in {TRIES} missions; {stage.session.detail}")
-    victim = draw.choice(moving)
-    at_s = time.monotonic() - began
+    victim, at_s = victim_of(stage, fit, draw)
     speed_mps = stage.places[victim][-1].speed_mps
     whole = stage.pieces(robots) == 1 and stage.pieces(name for name in robots if name != victim) == 1
     stage.forget()
@@ -196,6 +186,27 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         state=state,
     )
     return judged(row, outcome, stage)
+
+
+def victim_of(stage: Stage, fit: Sequence[str], draw: random.Random) -> tuple[str, float]:
+    """One of these that moves, in a mission of its own, and for how long the mission has run, s.
+
+    They may rest for a while: robots that begin on targets occupy them first.
+
+    :raises groundstation.faultrig.StageError: none does.
+    """
+    for _ in range(TRIES):
+        stage.to_running()
+        began = time.monotonic()
+        stage.watch(draw.uniform(0.2, 1.0))
+        stage.until(
+            lambda: stage.session.phase != "running" or not set(fit).isdisjoint(stage.moving()),
+            f"one of {', '.join(fit)} moves",
+        )
+        moving = [name for name in fit if name in stage.moving()]
+        if moving and stage.session.phase == "running":
+            return draw.choice(moving), time.monotonic() - began
+    raise StageError(f"{TRIES} missions ended before one of {', '.join(fit)} moved; {stage.session.detail}")
 
 
 def judged_by(row: Row, places: Sequence[Place], before: Place, times_ns: tuple[int, int, int]) -> list[Place]:

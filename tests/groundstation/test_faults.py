@@ -1,5 +1,6 @@
 """A slice of the fault matrix: bytes the emulated motors decoded, and how far the bodies rolled."""
 
+import random
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,8 @@ from contract.messages import MotorSample
 from groundstation.conditions import FIELD
 from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown, percentiles
-from groundstation.faultreal import REAL_ROWS, judged, judged_by
-from groundstation.faultrig import Place, rest_s, rolled_m, unreadable
+from groundstation.faultreal import REAL_ROWS, judged, judged_by, victim_of
+from groundstation.faultrig import Place, StageError, rest_s, rolled_m, unreadable
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
 from groundstation.faults import connected, linked, play
 from groundstation.faultwords import judge, zero_after_s
@@ -293,3 +294,35 @@ def test_what_came_through_while_a_network_was_being_frozen_does_not_say_where_i
     found = judged_by(row, places, Place(900_000_000, 0.9, 0.0, 0.5), times_ns)
     assert [place.stamp_ns * 1e-9 for place in found] == kept
     assert not row.blind or found[0].speed_mps == 0.0
+
+
+class Holding:
+    """A stage whose robots begin on targets; every mission ends after so many looks."""
+
+    def __init__(self, moves_after: int, ends_after: int) -> None:
+        self.session = SimpleNamespace(phase="ready", detail="")
+        self.missions = self._looks = 0
+        self._moves_after, self._ends_after = moves_after, ends_after
+
+    def to_running(self) -> None:
+        self.missions += 1
+        self.session.phase, self._looks = "running", 0
+
+    def watch(self, seconds: float) -> None:
+        pass
+
+    def until(self, done: Any, what: str) -> None:
+        while not done():
+            self._looks += 1
+            self.session.phase = "completed" if self._looks >= self._ends_after else "running"
+
+    def moving(self) -> list[str]:
+        return ["r09", "r02"] if self._looks >= self._moves_after else ["r09"]
+
+
+def test_a_victim_is_waited_for_until_it_moves_or_the_mission_ends() -> None:
+    stage: Any = Holding(moves_after=5, ends_after=9)
+    name, _ = victim_of(stage, ["r01", "r02"], random.Random(1))
+    assert (name, stage.missions) == ("r02", 1)
+    with pytest.raises(StageError, match="8 missions ended before one of r01, r02 moved"):
+        victim_of(Holding(moves_after=9, ends_after=5), ["r01", "r02"], random.Random(1))  # type: ignore[arg-type]
