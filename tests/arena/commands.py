@@ -175,6 +175,7 @@ SAID_BY_SITE = (
 )
 ELSEWHERE = {
     "ahdc-groundstation deploy": ("tests/prove/test_deploy.py", '"deploy"'),
+    "ahdc-groundstation compile": ("tests/prove/test_compiled.py", '"groundstation", "compile"'),
     "scp lab6.toml": ("tests/prove/test_deploy.py", '"scp"'),
     "ssh r06 tar": ("tests/prove/test_deploy.py", '"tar", "-xpf"'),
     "systemctl status": ("tests/prove/test_deploy.py", "systemctl status"),
