@@ -17,7 +17,7 @@ from groundstation.conduct import Conductor, new_session
 from groundstation.connectivity import summary
 from groundstation.course import ENDED, Plan
 from groundstation.link import Link
-from groundstation.mock_arena import FAULTS_FILE
+from groundstation.mock_arena import CARRIED, FAULTS_FILE
 from groundstation.recording import Recording, RecordingError
 from groundstation.rig import Rig
 from groundstation.targets import cloud_of
@@ -108,6 +108,8 @@ class Stage:
     def _started(self, least: int) -> bool:
         session = self.session
         session.order("disarm", time.monotonic_ns())
+        if outside := [name for name in self.arena.robots if self.is_outside(name)]:
+            self._carry_back(outside)
         self.until(lambda: not session.lacking(time.monotonic_ns(), connected=False), "robots fit to drive")
         if self.pieces(self.arena.robots) > 1:
             self._gather()
@@ -119,6 +121,20 @@ class Stage:
         session.order("run", time.monotonic_ns())
         self.until(lambda: len(self.moving()) >= least or session.phase != "running", f"{least} robot(s) move")
         return session.phase == "running"
+
+    def is_outside(self, name: str) -> bool:
+        """Whether it is outside the fence by what was seen of it last, as one that was cut off near it may be."""
+        fence_m, size_m = self.arena.arena.fence_m, self.arena.arena.size_m
+        seen = self.places.get(name, [])[-1:]
+        return any(not fence_m <= at <= most - fence_m for p in seen for at, most in zip(p[1:3], size_m, strict=True))
+
+    def _carry_back(self, robots: Iterable[str]) -> None:
+        """By hand, as an operator would."""
+        names = list(robots)
+        self.until(lambda: not set(names) & set(self.moving()), "robots outside the fence come to rest")
+        self.spoil(*(f"{name} {CARRIED}" for name in names))
+        self.until(lambda: not any(map(self.is_outside, names)), "robots are carried back inside the fence")
+        self.spoil()
 
     def _gather(self) -> None:
         """A robot has coasted out of its links: all drive to their starts."""

@@ -7,7 +7,8 @@ robots of the file are tracked, virtual bodies go to the bridge on ``mocap/virtu
 
 Faults. A file ``faults.txt`` beside the arena file is read again whenever it changes: one fault a line,
 ``ROBOT KIND`` (:data:`drivers.mock.faults.FAULTS`), ``udp corrupted`` (one bit of every datagram) or
-``udp dropped`` (every frame). A fault lasts until its line is gone.
+``udp dropped`` (every frame). A fault lasts until its line is gone. ``ROBOT carried``: a hand puts a robot that is
+outside the fence back inside, by the shortest way, when the line appears.
 """
 
 import argparse
@@ -33,6 +34,9 @@ from mocap_bridge.mock.virtual import VirtualShell, VirtualStream
 
 BATCH_NS = 50_000_000
 FAULTS_FILE = "faults.txt"
+CARRIED = "carried"
+INSIDE_M = 0.02
+"""A hand puts robots this far inside the fence."""
 
 
 class MockArena:
@@ -55,6 +59,7 @@ class MockArena:
         )
         self._address = arena.mocap.server
         self._shell: ServerShell | VirtualShell | None = None
+        self._floor = arena.arena
         self._link = link
         self._running = True
         self._batch_due_ns = 0
@@ -155,25 +160,34 @@ class MockArena:
         wanted = set()
         for line in self._faults_file.read_text(encoding="utf-8").splitlines():
             words = line.split()
-            known = len(words) == 2 and words[1] in FAULTS and (words[0] == "udp" or words[0] in self._wheels.robots)
+            kinds = FAULTS if words[:1] == ["udp"] else (*FAULTS, CARRIED)
+            known = len(words) == 2 and words[1] in kinds and (words[0] == "udp" or words[0] in self._wheels.robots)
             if known:
                 wanted.add((words[0], words[1]))
             elif words:
                 print(f"{self._faults_file}: {line!r} is not ROBOT KIND; ignored", file=sys.stderr, flush=True)
         for name, kind in self._faults - wanted:
-            self._set(name, cast(FaultKind, kind), False)
+            self._set(name, kind, False)
         for name, kind in wanted - self._faults:
-            self._set(name, cast(FaultKind, kind), True)
+            self._set(name, kind, True)
         self._faults = wanted
 
-    def _set(self, name: str, kind: FaultKind, on: bool) -> None:
+    def _set(self, name: str, kind: str, on: bool) -> None:
         if name == "udp":
             if self._shell is not None and kind == "corrupted":
                 self._shell.damage = flip_bit if on else None
+        elif kind == CARRIED:
+            if on:
+                self._carry(name)
         elif on:
-            self._wheels.fault(name, kind)
+            self._wheels.fault(name, cast(FaultKind, kind))
         else:
-            self._wheels.repair(name, kind)
+            self._wheels.repair(name, cast(FaultKind, kind))
+
+    def _carry(self, name: str) -> None:
+        body, inset_m, size_m = self._wheels.robots[name].body, self._floor.fence_m + INSIDE_M, self._floor.size_m
+        x_m, y_m = (min(max(at, inset_m), m - inset_m) for at, m in zip((body.x_m, body.y_m), size_m, strict=True))
+        body.place(x_m, y_m, body.heading_rad)
 
     def _publish(self, now_ns: int) -> None:
         """Of robots with a virtual body: where a tracked one is, the emulated wheels do not know."""
