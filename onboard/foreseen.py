@@ -121,7 +121,8 @@ def heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
     It may do what it was asked; have been asked anew since; or not have heard what it was asked, and keep the turn that
     its wheels have.
     """
-    x, y, heading, left, right, left_to, right_to = told
+    left, right = told.rims
+    left_to, right_to = told.asked
     age_s = AGE_STEP_S * age_steps
     turns: list[Rims] = [(left, right, left_to, right_to)]
     if age_s > 0.0:
@@ -130,7 +131,7 @@ def heard(told: Told, age_steps: int, bounds: CutBounds) -> Foreseen:
     kept = (left, right, left, right)
     if all(_apart(kept, turn) for turn in turns):
         turns.append(kept)
-    return Foreseen((x, y, heading), tuple(turns), bounds.standing_s + age_s, age_s, bounds)
+    return Foreseen(told.place, tuple(turns), bounds.standing_s + age_s, age_s, bounds)
 
 
 def seen(other: Neighbour, bounds: CutBounds) -> Foreseen:
@@ -158,7 +159,8 @@ def _turns(speed_mps: float, told: Told | None) -> tuple[Rims, ...]:
     if told is None:
         return ((speed_mps, speed_mps, speed_mps, speed_mps),)
     found = []
-    for difference in (told.right_mps - told.left_mps, told.asked_right_mps - told.asked_left_mps):
+    for left, right in (told.rims, told.asked):
+        difference = right - left
         half = min(speed_mps, max(-speed_mps, difference / 2))
         found.append((speed_mps - half, speed_mps + half, speed_mps - half, speed_mps + half))
     return tuple(found)

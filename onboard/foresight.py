@@ -7,19 +7,22 @@ import math
 from collections.abc import Iterable
 
 from contract.messages import NeighbourState
-from onboard.ahdc.parameters import record
 from onboard.courses import CutBounds
 from onboard.foreseen import AGE_STEP_S, Foreseen, heard, seen
-from onboard.limits import Neighbour, Told
+from onboard.limits import Neighbour, RimSpeeds, Told
 
 
 class Foretold(Told):
     """What a robot told, with all that was worked out of it for one arena."""
 
-    by_age: dict[int, Foreseen]
-    """By age steps."""
-    asked: Foreseen
-    """The last that was used."""
+    __slots__ = ("by_age", "used")
+
+    def __init__(self, place: tuple[float, float, float], rims: RimSpeeds, asked: RimSpeeds) -> None:
+        super().__init__(place, rims, asked)
+        self.by_age: dict[int, Foreseen] = {}
+        """By age steps."""
+        self.used: Foreseen | None = None
+        """The last that was used."""
 
 
 def foresee(other: Neighbour, bounds: CutBounds) -> Foreseen:
@@ -30,7 +33,7 @@ def foresee(other: Neighbour, bounds: CutBounds) -> Foreseen:
     age_steps = math.ceil(silence_s / AGE_STEP_S)
     if type(told) is not Foretold:
         return heard(told, age_steps, bounds)
-    found = told.asked = told.by_age.get(age_steps) or _work_out(told, age_steps, bounds)
+    found = told.used = told.by_age.get(age_steps) or _work_out(told, age_steps, bounds)
     return found
 
 
@@ -54,9 +57,7 @@ class Foresight:
     def _take(self, state: NeighbourState) -> Foretold | None:
         told = None
         if state.rims_mps is not None and state.asked_mps is not None:
-            place = (state.x_m, state.y_m, state.heading_rad)
-            told = record(Foretold, (*place, *state.rims_mps, *state.asked_mps))
-            told.by_age = {}
+            told = Foretold((state.x_m, state.y_m, state.heading_rad), state.rims_mps, state.asked_mps)
         self._known[state.robot] = (state, told)
         return told
 
@@ -78,7 +79,7 @@ class Foresight:
 
     def _prepare(self, told: Foretold, silence_s: float, before: Foretold) -> None:
         """``before``: the message that was looked at in the last step."""
-        if silence_s <= self._bounds.standing_s and "asked" in vars(before):
+        if silence_s <= self._bounds.standing_s and before.used is not None:
             age_steps = math.ceil(silence_s / AGE_STEP_S)
             found = told.by_age.get(age_steps) or _work_out(told, age_steps, self._bounds)
-            found.prepare(before.asked)
+            found.prepare(before.used)

@@ -44,18 +44,24 @@ class Bounds(NamedTuple):
     reaction_s: float = REACTION_S
 
 
-class Told(NamedTuple):
+RimSpeeds = tuple[float, float]
+"""Speeds of the left and the right rim, m/s."""
+
+
+class Told:
     """What another robot's newest message says of its motion, for the time it was sent."""
 
-    x_m: float
-    y_m: float
-    heading_rad: float
-    left_mps: float
-    """Measured rim speed."""
-    right_mps: float
-    asked_left_mps: float
-    """Rim speed commanded."""
-    asked_right_mps: float
+    __slots__ = ("asked", "place", "rims")
+
+    def __init__(self, place: tuple[float, float, float], rims: RimSpeeds, asked: RimSpeeds) -> None:
+        """
+        :param place: x and y, m, and heading, rad.
+        :param rims: measured.
+        :param asked: commanded.
+        """
+        self.place = place
+        self.rims = rims
+        self.asked = asked
 
 
 class Neighbour(NamedTuple):

@@ -106,7 +106,7 @@ class Body:
         speed = sum(self.rims) / 2
         if now_s <= self.cut_s:
             self.heard = self.rims
-        told = Told(*self.at, self.heading, *self.measured(now_s), *self.asked(now_s))
+        told = Told((*self.at, self.heading), self.measured(now_s), self.asked(now_s))
         velocity = speed * math.cos(self.heading), speed * math.sin(self.heading)
         stamp_s = min(now_s, self.cut_s) if self.fault == "hung" else now_s
         self.history.append(Moment(stamp_s, *velocity, told, self.rims))
@@ -121,9 +121,7 @@ class Body:
         spoke = spoke // every_steps * every_steps
         message = self.history[spoke]
         silence_s = now_s - message.stamp_s
-        return Neighbour(
-            pose.told.x_m, pose.told.y_m, pose.vx_mps, pose.vy_mps, age_steps * STEP_S, silence_s, message.told
-        )
+        return Neighbour(*pose.told.place[:2], pose.vx_mps, pose.vy_mps, age_steps * STEP_S, silence_s, message.told)
 
     def wish(self, other: "Body", draw: random.Random) -> tuple[float, float]:
         """Speed and turn rate."""

@@ -14,7 +14,8 @@ from tests.onboard.cut_adversary import BOUNDS, BRAKE, DIAMETER_M, FaultKind, fl
 
 speeds = st.floats(-0.8, 0.8)
 places = st.tuples(st.floats(0, 4), st.floats(0, 5), st.floats(-math.pi, math.pi))
-tellings = st.none() | st.builds(Told, st.floats(0, 4), st.floats(0, 5), st.floats(-4, 4), *[speeds] * 4)
+rim_pairs = st.tuples(speeds, speeds)
+tellings = st.none() | st.builds(Told, places, rim_pairs, rim_pairs)
 neighbours = st.lists(
     st.builds(
         Neighbour, st.floats(0, 4), st.floats(0, 5), speeds, speeds, st.floats(0, 1), st.floats(0, 1), tellings
@@ -29,10 +30,10 @@ def told(x: float, y: float, heading: float, speed: float, turn: float = 0.0, si
     half = BRAKE.separation_m / 2 * turn
     rims = (speed - half, speed + half)
     velocity = (speed * math.cos(heading), speed * math.sin(heading))
-    return Neighbour(x, y, *velocity, 0.0, silence_s, Told(x, y, heading, *rims, *rims))
+    return Neighbour(x, y, *velocity, 0.0, silence_s, Told((x, y, heading), rims, rims))
 
 
-@given(st.floats(-1, 1), st.floats(-8, 8), places, st.tuples(speeds, speeds), st.tuples(speeds, speeds), neighbours)
+@given(st.floats(-1, 1), st.floats(-8, 8), places, rim_pairs, rim_pairs, neighbours)
 def test_the_rule_only_shrinks_and_a_zero_passes(v, omega, pose, wheels, asked, others) -> None:
     limited = limit_cut(v, omega, pose, wheels, asked, others, BOUNDS)
     assert abs(limited.v_mps) <= abs(v)
@@ -92,7 +93,7 @@ def test_a_neighbour_that_turns_out_of_the_way_slows_less_and_one_that_turns_int
 def test_what_a_neighbour_has_been_told_counts_before_its_wheels_do_it() -> None:
     coming = told(0.8, 0.0, math.pi, 0.1)
     assert coming.told is not None
-    sent = coming._replace(told=coming.told._replace(asked_left_mps=0.6, asked_right_mps=0.6))
+    sent = coming._replace(told=Told(coming.told.place, coming.told.rims, (0.6, 0.6)))
     pair = (0.3, 0.3)
     before, after = (limit_cut(0.8, 0.0, HERE, pair, pair, [other], BOUNDS).v_mps for other in (coming, sent))
     assert after < before
