@@ -1,4 +1,5 @@
-"""``compile``: machine code of ``onboard`` for long sweeps, by mypyc, from the very sources: the same missions.
+"""``compile``: machine code of ``onboard`` and of lockstep for long sweeps, by mypyc, from the very sources: the same
+missions.
 
 ``simulate`` takes it where it is there and no source has changed since; robots, tests and everything else never do.
 It is kept in the environment, in a folder for one version of the sources.
@@ -17,12 +18,20 @@ import tempfile
 import time
 from pathlib import Path
 
-SHELLS = (
-    "checkup", "cli", "computer", "doctor", "journal", "network", "runtime", "service", "site_time", "switches",
-)  # fmt: skip
+import groundstation
+
+ROOMS = ("contract", "groundstation", "onboard")
+"""Whose sources the machine code is of."""
+SHELLS = ("checkup", "cli", "computer", "doctor", "network", "runtime", "service", "site_time", "switches")
 """Modules of ``onboard`` that no simulated robot needs."""
-KEPT = ("foresight",)
-"""Modules that stay as they are: mypyc makes no class that inherits from a tuple."""
+WORLD = ("grid", "hops", "lockstep", "plant", "referee", "scoring", "vicinity")
+"""Modules of ``groundstation`` that play a mission."""
+JOINT = '''"""Machine code of some modules; the others are where the sources are."""
+from importlib.util import find_spec
+from pathlib import Path
+__path__.append(str(Path(find_spec("contract").origin).parent.parent / "groundstation"))
+'''
+"""What a process to come takes for the package ``groundstation``."""
 OFF = "AHDC_COMPILED"
 """Set to 0, this variable of the environment keeps ``simulate`` from taking machine code."""
 SHOW_S = 2.0
@@ -73,14 +82,16 @@ def home() -> Path:
 
 def modules(folder: Path) -> list[str]:
     """Paths, from there, of what is compiled."""
-    left = {*SHELLS, *KEPT, "__init__", "__main__"}
-    return sorted(str(path.relative_to(folder)) for path in (folder / "onboard").rglob("*.py") if path.stem not in left)
+    left = {*SHELLS, "__init__", "__main__"}
+    law = [path for path in (folder / "onboard").rglob("*.py") if path.stem not in left]
+    world = [folder / "groundstation" / f"{name}.py" for name in WORLD]
+    return sorted(str(path.relative_to(folder)) for path in (*law, *world))
 
 
 def version_of(folder: Path) -> str:
     """Changes with every source that goes in and with what makes machine code of it."""
     said = hashlib.sha256(f"{sysconfig.get_config_var('EXT_SUFFIX')} {sys.version} {_mypy()}".encode())
-    for room in ("contract", "onboard"):
+    for room in ROOMS:
         for path in sorted((folder / room).rglob("*.py")):
             said.update(f"\n{path.relative_to(folder)} {path.stat().st_size}\n".encode() + path.read_bytes())
     return said.hexdigest()[:16]
@@ -93,12 +104,14 @@ def current() -> Path | None:
 
 
 def take() -> bool:
-    """Import ``onboard`` from machine code from now on, also in processes to come; False where it cannot be."""
-    if "onboard" in sys.modules or os.environ.get(OFF) == "0" or not home().is_dir():
+    """Import what is compiled from machine code from now on, also in processes to come; False where it cannot be."""
+    late = "onboard" in sys.modules or any(f"groundstation.{name}" in sys.modules for name in WORLD)
+    if late or os.environ.get(OFF) == "0" or not home().is_dir():
         return False
     folder = current()
     if folder is not None:
         sys.path.insert(0, str(folder))
+        groundstation.__path__.insert(0, str(folder / "groundstation"))
     return folder is not None
 
 
@@ -113,10 +126,12 @@ def build(source: Path, target: Path, only: tuple[str, ...] = ()) -> Path:
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target) as name:
         work = Path(name)
-        for room in ("contract", "onboard"):
+        for room in ROOMS:
             shutil.copytree(source / room, work / room, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
         _compile(work, chosen)
-        _check(work, chosen[0])
+        for module in (chosen[0], chosen[-1]):
+            _check(work, module)
+        _join(work / "groundstation")
         for part in ("build", "contract", ".mypy_cache", "log"):
             path = work / part
             path.unlink() if path.is_file() else shutil.rmtree(path, ignore_errors=True)
@@ -166,6 +181,16 @@ def _show(text: str) -> None:
         print(f"\r{text:<60}" if text else f"\r{'':<60}\r", end="", file=sys.stderr, flush=True)
     elif text:
         print(text, file=sys.stderr, flush=True)
+
+
+def _join(package: Path) -> None:
+    """Leave nothing but the machine code in there, and the way to the rest."""
+    for path in package.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.suffix != ".so":
+            path.unlink()
+    (package / "__init__.py").write_text(JOINT, encoding="utf-8")
 
 
 def _check(work: Path, module: str) -> None:

@@ -1,5 +1,7 @@
 """Machine code of the law: which sources it is of, who takes it, and that a compiler makes it."""
 
+import ast
+import os
 import shutil
 import subprocess
 import sys
@@ -8,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import groundstation
 from groundstation import cli, compiled
 
 HEADER = Path(sysconfig.get_paths()["include"]) / "Python.h"
@@ -16,9 +19,11 @@ COMPILER = shutil.which(str(sysconfig.get_config_var("CC") or "cc").split()[0])
 
 @pytest.fixture
 def rooms(tmp_path: Path) -> Path:
-    for room in ("contract", "onboard"):
+    for room in compiled.ROOMS:
         (tmp_path / room).mkdir()
         (tmp_path / room / "__init__.py").write_text('"""Nothing."""\n')
+    for name in (*compiled.WORLD, "result"):
+        (tmp_path / "groundstation" / f"{name}.py").write_text("NUMBER: int = 3\n")
     (tmp_path / "onboard" / "law.py").write_text("def twice(x: float) -> float:\n    return 2.0 * x\n")
     return tmp_path
 
@@ -29,12 +34,14 @@ def fresh(rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(compiled, "sources", lambda: rooms)
     monkeypatch.setattr(compiled, "home", lambda: tmp_path / "kept")
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.delitem(sys.modules, "onboard", raising=False)
+    monkeypatch.setattr(groundstation, "__path__", list(groundstation.__path__))
+    for name in ("onboard", *(f"groundstation.{name}" for name in compiled.WORLD)):
+        monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.delenv(compiled.OFF, raising=False)
     return tmp_path / "kept" / compiled.version_of(rooms)
 
 
-@pytest.mark.parametrize("room", ["contract", "onboard"])
+@pytest.mark.parametrize("room", compiled.ROOMS)
 def test_the_version_is_that_of_every_source(rooms: Path, room: str) -> None:
     before = compiled.version_of(rooms)
     (rooms / room / "new.py").write_text("")
@@ -49,8 +56,8 @@ def test_machine_code_is_taken_where_it_is_of_the_sources_as_they_are(fresh: Pat
     assert not compiled.take()
     fresh.mkdir(parents=True)
     assert compiled.take()
-    assert sys.path[0] == str(fresh)
-    sys.path.pop(0)
+    assert sys.path.pop(0) == str(fresh)
+    assert groundstation.__path__.pop(0) == str(fresh / "groundstation")
     (rooms / "onboard" / "law.py").write_text("")
     assert not compiled.take()
     assert str(fresh) not in sys.path
@@ -61,9 +68,10 @@ def test_it_is_not_taken_where_it_must_not_be(fresh: Path, monkeypatch: pytest.M
     with monkeypatch.context() as patch:
         patch.setenv(compiled.OFF, "0")
         assert not compiled.take()
-    with monkeypatch.context() as patch:
-        patch.setitem(sys.modules, "onboard", sys)
-        assert not compiled.take(), "imported already"
+    for early in ("onboard", "groundstation.lockstep"):
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, early, sys)
+            assert not compiled.take(), "imported already"
     assert compiled.take()
 
 
@@ -81,11 +89,32 @@ def test_only_the_command_itself_takes_it(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_what_is_left_out_is_there() -> None:
-    folder = compiled.sources() / "onboard"
-    assert all((folder / f"{name}.py").is_file() for name in (*compiled.SHELLS, *compiled.KEPT))
-    chosen = compiled.modules(folder.parent)
-    assert {"onboard/agent.py", "onboard/ahdc/plan.py", "onboard/cut.py"} <= set(chosen)
-    assert not {"onboard/runtime.py", "onboard/foresight.py", "onboard/ahdc/__init__.py"} & set(chosen)
+    folder = compiled.sources()
+    assert all((folder / "onboard" / f"{name}.py").is_file() for name in compiled.SHELLS)
+    chosen = compiled.modules(folder)
+    assert all((folder / name).is_file() for name in chosen)
+    assert {"onboard/agent.py", "onboard/ahdc/plan.py", "onboard/cut.py", "groundstation/lockstep.py"} <= set(chosen)
+    assert not {"onboard/runtime.py", "groundstation/cli.py", "onboard/ahdc/__init__.py"} & set(chosen)
+
+
+def test_no_class_that_simulate_needs_inherits_from_a_compiled_one_and_is_none_itself() -> None:
+    folder = compiled.sources()
+    chosen = compiled.modules(folder)
+    words = {name.removesuffix(".py").replace("/", ".") for name in chosen}
+    others = [path for room in compiled.ROOMS for path in (folder / room).rglob("*.py")]
+    found = []
+    for path in others:
+        name = str(path.relative_to(folder))
+        tree = ast.parse(path.read_text())
+        taken = {
+            alias.asname or alias.name
+            for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in words
+            for alias in node.names
+        }  # fmt: skip
+        bases = {ast.unparse(base) for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for base in node.bases}
+        if name not in chosen and bases & taken:
+            found.append(name)
+    assert found == ["groundstation/membership.py"], "which tests alone use"
 
 
 @pytest.mark.parametrize("missing", ["compiler", "package"])
@@ -108,10 +137,15 @@ def test_a_compiler_makes_it_whole_or_not_at_all(rooms: Path, tmp_path: Path) ->
     assert [path.name for path in kept.iterdir()] == [compiled.version_of(rooms)]
     look = "from onboard import law; print(law.__file__, law.twice(1.5))"
     command = [sys.executable, "-P", "-c", look]
-    path, value = subprocess.check_output(command, env={"PYTHONPATH": str(folder)}, text=True).split()
+    both = {"PYTHONPATH": f"{folder}{os.pathsep}{rooms}"}
+    path, value = subprocess.check_output(command, env=both, text=True).split()
     assert path.endswith(str(sysconfig.get_config_var("EXT_SUFFIX")))
     assert value == "3.0"
     assert not (folder / "contract").exists()
+    look = "from groundstation import plant, result; print(plant.__file__, result.__file__)"
+    swift, plain = subprocess.check_output([*command[:-1], look], env=both, text=True).split()
+    assert Path(swift).parent == folder / "groundstation"
+    assert plain == str(rooms / "groundstation" / "result.py")
     (rooms / "onboard" / "law.py").write_text("def twice(x: float) -> float:\n    return 'no'\n")
     with pytest.raises(compiled.CompileError, match=r"law\.py:2: error"):
         compiled.build(rooms, kept)

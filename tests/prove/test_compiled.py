@@ -22,6 +22,10 @@ CASES = (
 RUNS = "4"
 
 
+SAVED = ("ideal", "3", "6", ())
+RECORDING = "seed-1"
+
+
 def simulate(path: Path, case: tuple[str, str, str, tuple[str, ...]], machine_code: bool) -> float:
     """The sweep's file, and how long it took, s."""
     conditions, robots, targets, more = case
@@ -44,3 +48,10 @@ def test_missions_are_the_same_bit_for_bit(tmp_path: Path) -> None:
         words = re.sub(r"[(),']", "", str(case))
         print(f"{words}: {plain_s:.1f} s, compiled {swift_s:.1f} s, {plain_s / swift_s:.2f} times as fast", flush=True)
         assert plain.read_bytes() == swift.read_bytes(), case
+    recordings = []
+    for machine_code in (False, True):
+        folder = tmp_path / f"saved-{machine_code}"
+        case = (*SAVED[:3], ("--runs", "1", "--save", str(folder)))
+        simulate(tmp_path / "saved.json", case, machine_code)
+        recordings.append((folder / RECORDING / "run.mcap").read_bytes())
+    assert recordings[0] == recordings[1]
