@@ -11,6 +11,7 @@ from pathlib import Path
 
 from contract.arena import Arena, digest, load
 from contract.messages import LogEntry, Message, TargetCloud
+from contract.voice import say
 from groundstation import current
 from groundstation.course import Plan
 from groundstation.doorkeeper import Doorkeeper
@@ -187,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
                 conductor.turn()
                 if (now := f"{session.phase}: {session.detail}") != words:
                     words = now
-                    print(words, flush=True)
+                    say(words, sys.stdout)
     except LinkError as error:
         print(error, file=sys.stderr)
         return 1

@@ -164,6 +164,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         apart = stage.pieces(name for name in robots if name != victim) > 1 and stage.pieces(robots) > 1
         split = split or (whole and apart)
     state = stage.reports[victim].run
+    ended = tuple(child.name for child in stage.rig.family.children if child.code is not None)
     until_ns = time.monotonic_ns()
     stage.repair()
     stage.watch(LATE_S)
@@ -185,7 +186,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         split=split,
         state=state,
     )
-    return judged(row, outcome, stage)
+    return judged(row, outcome, stage, ended)
 
 
 def victim_of(stage: Stage, fit: Sequence[str], draw: random.Random) -> tuple[str, float]:
@@ -225,20 +226,24 @@ def judged_by(row: Row, places: Sequence[Place], before: Place, times_ns: tuple[
     return [place for place in places if since_ns <= place.stamp_ns < end_ns]
 
 
-def judged(row: Row, outcome: Outcome, stage: Stage) -> Outcome:
+def judged(row: Row, outcome: Outcome, stage: Stage, ended: Sequence[str] = ()) -> Outcome:
     """The outcome with what is wrong with it.
+
+    :param ended: processes that had ended by then.
 
     A robot that hung for a while goes on by itself once every cause of HOLD has gone, unless its driver has lost its
     telemetry meanwhile, which one reply still waiting in the port decides. So its way is looked at until the process is
     let go on, and bounded as that of one that hangs for good.
     """
     bound = row if row.blind else row._replace(resumes=False)
-    faults = [*judge(row, outcome, allowed_m(bound, stage.arena) + AGREED_M), *_real(row, outcome, stage)]
+    faults = [*judge(row, outcome, allowed_m(bound, stage.arena) + AGREED_M), *_real(row, outcome, stage, ended)]
     return msgspec.structs.replace(outcome, faults=tuple(faults))
 
 
-def _real(row: Row, outcome: Outcome, stage: Stage) -> Iterator[str]:
+def _real(row: Row, outcome: Outcome, stage: Stage, ended: Sequence[str]) -> Iterator[str]:
     """What only real processes can get wrong."""
+    if "killed" not in row.name:
+        yield from (f"{name} has ended" for name in ended)
     if row.action == "goes on" and not row.leaves and outcome.state != "running":
         report = stage.reports.get(outcome.victim)
         yield f"left {outcome.state}, expected running: {report.reason if report is not None else 'silent'}"

@@ -23,6 +23,7 @@ from contract.arena import Arena, digest, load
 from contract.codec import WireError, decode
 from contract.keys import Keys
 from contract.messages import LogEntry, TargetCloud
+from contract.voice import say
 from groundstation.files import RECORDING
 from groundstation.link import Link, LinkError
 from groundstation.provenance import files, software
@@ -121,13 +122,13 @@ class Reel:
         try:
             tape = self._next()
         except OSError as error:
-            print(f"next run not in a folder of its own: {error}", file=sys.stderr, flush=True)
+            say(f"next run not in a folder of its own: {error}")
             return
         self.tape.close(dropped)
         if self.tape.trouble:
             self.troubles.append(self.tape.trouble)
         self.tape, self._ran, self._begun = tape, False, False
-        print(f"recording to {tape.path.parent}", flush=True)
+        say(f"recording to {tape.path.parent}", sys.stdout)
 
 
 def next_folder(out: Path) -> Path:
@@ -263,7 +264,7 @@ def record(reel: Reel, intake: Intake, going: Callable[[], bool]) -> None:
             tell_due = now + TELL_S
             intake.publish(intake.keys.log("recorder"), health, "log")
         if health.level != level:
-            print(health.text, file=sys.stderr, flush=True)
+            say(health.text)
             level = health.level
     reel.write(intake.take(), intake.dropped)
 
@@ -304,5 +305,5 @@ def _record(reel: Reel, intake: Intake, going: Callable[[], bool]) -> int:
         reel.tape.close(intake.dropped)
     troubles = [*reel.troubles, *filter(None, [reel.tape.trouble])]
     for trouble in troubles:
-        print(trouble, file=sys.stderr)
+        say(trouble)
     return 1 if troubles else 0

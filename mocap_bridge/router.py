@@ -18,6 +18,7 @@ from typing import Any
 
 from contract import network
 from contract.allocator import share_arenas
+from contract.voice import say
 
 READY = "READY router"
 TAKEN_WAIT_S = 2.0
@@ -71,7 +72,7 @@ class Router:
         self.close()
         if said not in ("", READY):
             raise RouterError(said)
-        print(f"the router at {self._endpoint} ended with code {code}: it begins anew", file=sys.stderr, flush=True)
+        say(f"the router at {self._endpoint} ended with code {code}: it begins anew")
         self._begin()
 
     def close(self) -> None:

@@ -21,6 +21,7 @@ from contract.codec import WireError, encode
 from contract.exposure import exposure
 from contract.keys import Keys
 from contract.messages import LogEntry
+from contract.voice import say
 from drivers.base import WheelSpeeds
 from drivers.gated import GatedDrive
 from drivers.lifecycle import Wheels
@@ -80,7 +81,7 @@ class Runtime:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
         if self._service.managed:
-            print("\n".join(findings(checkup(snapshot()))), file=sys.stderr, flush=True)
+            say("\n".join(findings(checkup(snapshot()))))
         self._service.waiting(f"waits for the router at {self._arena.link.router}")
         with open_session(settings) as session:
             self._time = SiteTime(session, self._keys, self._robot, self._tolerance_ns)
@@ -93,15 +94,15 @@ class Runtime:
                 self._wheels.open(self._time.now_ns())
                 quiet()
                 if self._service.managed and not lock_memory():
-                    print(f"{self._robot}: memory is not locked (LimitMEMLOCK); go on", file=sys.stderr, flush=True)
+                    say(f"{self._robot}: memory is not locked (LimitMEMLOCK); go on")
                 self._service.ready(self._state)
-                print(f"READY {self._robot}", flush=True)
+                say(f"READY {self._robot}", sys.stdout)
                 self._loop()
             finally:
                 self._service.stopping()
                 self._wheels.shut(self._time.now_ns())
         if self._time.clock.lost:
-            print(f"{self._robot}: the site keeps another time than before; to be started anew", file=sys.stderr)
+            say(f"{self._robot}: the site keeps another time than before; to be started anew")
             return 1
         return 0
 
@@ -209,7 +210,7 @@ class Runtime:
         self._logged_ns[event] = now_ns
         entry = LogEntry(stamp_ns=now_ns, level=level, source=self._robot, event=event[:64], text=text[:400])  # type: ignore[arg-type]
         self._publishers[self._keys.log(self._robot)].put(encode(entry))
-        print(f"{self._robot} {level}: {event}: {text}", file=sys.stderr, flush=True)
+        say(f"{self._robot} {level}: {event}: {text}")
 
 
 def software() -> str:
@@ -250,6 +251,6 @@ def run(path: Path, robot: str) -> int:
     arena = load(path, wheel_faults)
     robot_or_fault(arena, robot)
     if words := exposure((arena.link.router,), arena.link.keys):
-        print(words, file=sys.stderr, flush=True)
+        say(words)
     agent = JournalledAgent(arena, robot, boot=time.time_ns() // 1_000_000, software=software())
     return Runtime(arena, robot, agent, open_robot(arena, robot)).run()

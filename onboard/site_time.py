@@ -1,6 +1,5 @@
 """This computer's way to the site's time: questions to the motion-capture bridge, answers into a clock."""
 
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from contract.codec import WireError, decode, encode
 from contract.keys import Keys
 from contract.messages import ClockAsk, ClockTell
 from contract.site_clock import HURRY_NS, SiteClock
+from contract.voice import say
 from onboard.network import publisher
 
 SAY_EVERY_NS = 5_000_000_000
@@ -66,4 +66,4 @@ class SiteTime:
             if time.monotonic_ns() > say_ns:
                 say_ns += SAY_EVERY_NS
                 words = "waits for the site's time: does the motion-capture bridge run?"
-                print(f"{self._source}: {words}", file=sys.stderr, flush=True)
+                say(f"{self._source}: {words}")

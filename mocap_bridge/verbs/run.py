@@ -13,6 +13,7 @@ from pathlib import Path
 from contract import network
 from contract.arena import ArenaError, load
 from contract.exposure import exposure
+from contract.voice import say
 from mocap_bridge.sources.choose import SourceError, open_source
 
 
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     from mocap_bridge.sources.base import OnNetwork
 
     if words := exposure((arena.link.router, *arena.link.listen), arena.link.keys):
-        print(words, file=sys.stderr, flush=True)
+        say(words)
     try:
         joined = open_session(arena.link.router, identity)
     except (zenoh.ZError, RouterError) as error:
@@ -58,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
         gc.collect()
         gc.freeze()  # what lives now is never looked at again
         gc.set_threshold(50_000, 20, 100)
-        print(f"READY {NAME}", flush=True)
+        say(f"READY {NAME}", sys.stdout)
         code = 0
         try:
             bridge.run(lambda: bool(stop))

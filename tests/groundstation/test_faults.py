@@ -12,7 +12,7 @@ from contract.messages import MotorSample
 from groundstation.conditions import FIELD
 from groundstation.faultkept import Kept
 from groundstation.faultpage import markdown, percentiles
-from groundstation.faultreal import REAL_ROWS, judged, judged_by, victim_of
+from groundstation.faultreal import REAL_ROWS, _real, judged, judged_by, victim_of
 from groundstation.faultrig import Place, StageError, rest_s, rolled_m, unreadable
 from groundstation.faultrows import ROWS, Outcome, Row, allowed_m, wire_of
 from groundstation.faults import connected, linked, play
@@ -250,6 +250,15 @@ def test_a_body_s_way_and_rest_are_read_from_where_it_really_was() -> None:
     assert rest_s(places[3:], 0, 0.01) == 0.0
     assert rest_s(places[:3], 0, 0.01) is None
     assert rest_s([], 0, 0.01) is None
+
+
+def test_a_process_that_has_ended_by_itself_is_named() -> None:
+    killed, full = (next(r for r in REAL_ROWS if word in r.name) for word in ("recorder: killed", "full for the rec"))
+    outcome: Any = SimpleNamespace(state="running")
+    stage: Any = None
+    assert list(_real(full, outcome, stage, ["recorder", "r06"])) == ["recorder has ended", "r06 has ended"]
+    assert list(_real(full, outcome, stage, [])) == []
+    assert list(_real(killed, outcome, stage, ["recorder"])) == []
 
 
 def test_a_recording_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import errno
 import gc
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -10,16 +11,16 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 import zenoh
 
 from contract import network
 from contract.arena import Arena, parse, table_of
-from contract.codec import encode
+from contract.codec import decode, encode
 from contract.keys import Keys
-from contract.messages import RunStatus, TargetCloud
+from contract.messages import LogEntry, RunStatus, TargetCloud
 from groundstation.files import RECORDING
 from groundstation.recorder import COMMIT_S, Reel
 from groundstation.recording import Recording, RecordingError
@@ -49,7 +50,7 @@ def router(arena: Arena) -> Iterator[Any]:
 
 
 @contextmanager
-def recorder(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+def recorder(folder: Path, stderr: IO[bytes] | None = None) -> Iterator[subprocess.Popen[bytes]]:
     """A recorder that has said READY; killed on leaving."""
     command = [
         sys.executable,
@@ -61,7 +62,7 @@ def recorder(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
         "--out",
         str(folder),
     ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr) as process:
         try:
             assert process.stdout is not None
             assert process.stdout.readline() == b"READY recorder\n"
@@ -98,6 +99,25 @@ def test_killed_it_leaves_all_but_the_last_second(arena: Arena, router: Any, tmp
     assert recovered.whole
     assert recovered.arena() == arena
     assert recovered.metadata["run"]["arena"] == "made"
+
+
+def test_it_outlives_a_full_disk_that_its_own_log_is_on(arena: Arena, router: Any, tmp_path: Path) -> None:
+    levels: list[str] = []
+    router.declare_subscriber(
+        KEYS.log("recorder"), lambda s: levels.append(decode(LogEntry, s.payload.to_bytes()).level)
+    )
+    path = tmp_path / "run.mcap"
+    with Path("/dev/full").open("wb") as full, recorder(tmp_path, full) as process:
+        say(router, 0, 5)
+        until(lambda: stamps(path) == list(range(5)), "5 messages on the disk")
+        _, most = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1, most))
+        say(router, 5, 10)
+        until(lambda: "error" in levels, "the recorder tells of its trouble")
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (most, most))
+        say(router, 10, 15)
+        until(lambda: stamps(path) == list(range(15)), "all of it on the disk")
+        assert process.poll() is None
 
 
 def test_terminated_it_finishes_the_file(arena: Arena, router: Any, tmp_path: Path) -> None:

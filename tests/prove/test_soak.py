@@ -31,6 +31,8 @@ SLOWER = 2.0
 SLOWER_MS = 5.0
 ENOUGH = 8
 """Looks at one process, at the least, before it is judged."""
+LONG = 0.4
+"""Of the time: so long must every process have lived that is there at the end."""
 SPARING = tuple(row for row in REAL_ROWS if "killed" not in row.name or row.where == "station")
 """Faults that no process dies of; the station is this one, and falls silent instead."""
 
@@ -128,6 +130,10 @@ def test_missions_with_random_faults_one_after_another(tmp_path: Path) -> None:
     print(f"{number} missions; jitter of the slowest loop, median: {early:.1f} ms, then {late:.1f} ms", flush=True)
     bad += [words for one, entries in looks.items() if one in alive for words in grown(one[0], entries)]
     bad += [f"{name}: looked at {len(looks[name, pid])} times" for name, pid in alive if len(looks[name, pid]) < ENOUGH]
+    for name, pid in alive:
+        lived_s = looks[name, pid][-1].at_s - looks[name, pid][0].at_s
+        if lived_s < 60 * MINUTES * LONG:
+            bad.append(f"{name}: lived for {lived_s:.0f} s only, too short to be judged")
     bad += unreadable(out)
     if late > SLOWER * early + SLOWER_MS:
         bad.append(f"loops became late: {early:.1f} ms, then {late:.1f} ms")
