@@ -62,22 +62,28 @@ def timed(owner: Any, name: str, times: list[int]) -> Iterator[None]:
 
 
 class Clocked:
-    """An agent whose steps are timed from outside: nothing can be put into machine code."""
+    """The way between bodies and agents, timed from outside, for nothing can be put into machine code: a step is what
+    happens between feeling the wheels and driving them."""
 
-    def __init__(self, agent: agents.Agent, times: list[int], neighbours: list[int]) -> None:
-        self._agent, self._times, self._neighbours = agent, times, neighbours
+    def __init__(self, world: World, times: list[int], neighbours: list[int]) -> None:
+        self._hops, self._agents, self._times, self._neighbours = world.hops, world.agents, times, neighbours
+        self._began_ns = 0
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._agent, name)
+        return getattr(self._hops, name)
 
-    def step(self, now_ns: int) -> agents.Drive:
-        agent = self._agent
-        began_ns = time.perf_counter_ns()
-        drive = agent.step(now_ns)
-        self._times.append(time.perf_counter_ns() - began_ns)
-        own = agent.sensing.own()
-        self._neighbours.append(len(agent.sensing.sighted(own[0], now_ns)) if own else 0)
-        return drive
+    def sense(self, name: str, now_ns: int) -> None:
+        self._hops.sense(name, now_ns)
+        self._began_ns = time.perf_counter_ns()
+
+    def drive(self, name: str, drive: agents.Drive, now_ns: int) -> bool:
+        if self._began_ns:
+            self._times.append(time.perf_counter_ns() - self._began_ns)
+            sensing = self._agents[name].sensing
+            own = sensing.own()
+            self._neighbours.append(len(sensing.sighted(own[0], now_ns)) if own else 0)
+            self._began_ns = 0
+        return self._hops.drive(name, drive, now_ns)
 
 
 def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[Times, list[int]]:
@@ -87,8 +93,7 @@ def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[T
     times: Times = {name: [] for name in FIGURES}
     neighbours: list[int] = []
     if COMPILED:
-        for name, agent in world.agents.items():
-            world.agents[name] = Clocked(agent, times["step"], neighbours)  # type: ignore[assignment]
+        world.hops = Clocked(world, times["step"], neighbours)
         gc.collect()
         gc.freeze()
         world.run()
