@@ -337,9 +337,13 @@ class Agent:
             now_ns,
         )
         self._loop_ns = now_ns
+        released = self._verdict is not None and self._verdict.run == "disarmed"
         self._verdict = verdict
         if verdict.run == "disarmed":
             self.sensing.settle()
+            self.controller.settle(self.sensing.beyond)
+        elif released:
+            self.controller.rejoin()
         obeyed = verdict.failsafe != "driver_silent" and not self._asked.silent(now_ns)
         self.controller.vouch(verdict.run != "fault" and obeyed)
         self._account.verdict(verdict, now_ns)

@@ -152,6 +152,15 @@ class Sensing:
     def settle(self) -> None:
         """This robot was released: somebody has looked at the floor."""
         self._left.clear()
+        self._within.clear()
+
+    def beyond(self, robots: Iterable[str]) -> list[str]:
+        """Which of these are farther away than r_c, by where they and this robot were last seen."""
+        if self._own is None:
+            return []
+        (x, y, _), _ = self._own
+        seen = ((name, self._others.get(name)) for name in robots)
+        return [name for name, at in seen if at and math.hypot(at.x_m - x, at.y_m - y) > self._radius_m]
 
     def own(self) -> tuple[Pose, int] | None:
         """Own last valid pose and the exposure time of the last frame with it, site ns."""

@@ -1,7 +1,7 @@
 """Algorithm 1: one robot's whole decision, and what it tells its neighbours."""
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterable
 from typing import Literal
 
 from contract.messages import LinkMessage, NeighbourState, Target
@@ -84,6 +84,17 @@ class Controller:
             self.field.release()
         if self.paper is not None:
             self.paper.neighbours, self.paper.wishes, self.paper.kept = set(), set(), set()
+
+    def settle(self, beyond: Callable[[Iterable[str]], list[str]]) -> None:
+        """Robots without power are carried about: no link is kept with one that is out of reach now."""
+        if self.field is not None:
+            for name in beyond(self.field.links.enforced()):
+                self.field.links.forget(name)
+
+    def rejoin(self) -> None:
+        """As at the start it moves only once linked to every robot within r_c."""
+        if self.field is not None:
+            self.field.joined = False
 
     def exclude(self, robots: frozenset[str]) -> None:
         """Robots that are no part of the network any more, by the operator's order."""
