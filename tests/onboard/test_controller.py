@@ -217,6 +217,8 @@ def test_a_link_is_offered_under_its_own_name_and_boot_and_every_message_rides_o
     assert said(one).mail == both[1:]
     assert said(one).mail == ()
     assert one.link_states() == {"r03": "doubt", "r01": "doubt"}
+    one.think(look(near("r03", 0.5, 0.5), now_s=1.3))
+    assert {(m.to, m.kind) for m in said(one).mail} == {("r03", "add"), ("r01", "accept")}, "unanswered: once more"
 
 
 def test_the_operator_s_release_gives_up_every_link_and_what_was_still_to_be_said_of_them() -> None:

@@ -24,7 +24,7 @@ def test_a_robot_that_knows_nothing_claims_nothing_and_leads_nobody(make: Callab
     assert (tasking.cloud_seen, tasking.occupied_count) == (False, 0)
 
 
-def test_a_robot_that_leaves_the_network_claims_nothing_calls_nobody_and_keeps_what_is_occupied() -> None:
+def test_a_robot_that_leaves_the_network_claims_nothing_calls_nobody_and_remembers_what_is_occupied() -> None:
     tasking = fielded()
     help_ = Help(robot="r03", hops=0, left_m=0.9)
     tasking.update(look(targets={0: BESIDE, 1: (0.9, -0.3)}))
@@ -35,6 +35,8 @@ def test_a_robot_that_leaves_the_network_claims_nothing_calls_nobody_and_keeps_w
     assert (tasking.claim, tasking.claim_at(), tasking.assist.told) == (None, None, None)
     assert (tasking.hops, tasking.indicator, tasking.helping) == (NO_HOPS, False, False)
     assert tasking.memory.occupied == 0b1000
+    tasking.update(look(targets={0: BESIDE}))
+    assert tasking.claim == 0, "readmitted"
 
 
 def test_a_helper_that_leaves_the_network_passes_no_request_on() -> None:
