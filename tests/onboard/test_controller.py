@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
 import pytest
 from msgspec import structs
@@ -238,6 +239,27 @@ def test_the_operator_s_release_ends_the_letter_s_links_and_wishes_too() -> None
     one.paper.wishes = {"r03"}
     one.release()
     assert (one.link_states(), said(one).wishes, one.paper.kept) == ({}, (), set())
+
+
+def test_without_power_it_keeps_no_link_with_robots_out_of_reach_and_with_power_it_joins_anew() -> None:
+    one = joined()
+    assert one.field is not None
+    for name in ("r01", "r03", "r04"):
+        one.field.links.entries[name] = Entry(Link.OFF if name == "r04" else Link.ON)
+    asked: list[str] = []
+
+    def beyond(robots: Iterable[str]) -> list[str]:
+        asked.extend(robots)
+        return ["r03"]
+
+    one.settle(beyond)
+    assert (one.link_states(), asked, one.field.joined) == ({"r01": "on"}, ["r01", "r03"], True)
+    one.rejoin()
+    assert (one.link_states(), one.field.joined) == ({"r01": "on"}, False)
+    letter = papered()
+    letter.settle(beyond)
+    letter.rejoin()
+    assert letter.link_states() == {}
 
 
 def test_robots_excluded_by_the_operator_are_not_linked_nor_listened_to_until_they_are_readmitted() -> None:

@@ -56,6 +56,27 @@ def test_old_repeated_and_reordered_messages_are_not_heard_again() -> None:
     assert sensing.state(state("r02", seq=1, boot=2), 0)
 
 
+def test_robots_out_of_reach_are_told_by_where_they_were_last_seen() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    names = ("r02", "r03", "r04", "r05")
+    assert sensing.beyond(names) == []
+    places = {"r01": (1.0, 1.0), "r02": (1.6, 1.8), "r03": (1.61, 1.8), "r04": (-1.0, 1.0)}
+    sensing.frame(frame(1, places))
+    sensing.frame(frame(2, places, invalid=("r04",)))
+    assert sensing.beyond(names) == ["r03", "r04"]
+    assert sensing.beyond(("r02",)) == []
+
+
+def test_where_a_linked_robot_was_within_reach_is_forgotten_with_the_release() -> None:
+    sensing = Sensing("r01", 1.0, 0.5)
+    own = Pose(0.0, 0.0, 0.0)
+    for number, x in ((1, 0.99), (2, 1.01)):
+        sensing.frame(frame(number, {"r01": (0.0, 0.0), "r02": (x, 0.0)}), {"r02"})
+        assert sensing.sighted(own, 10 * number * MS, {"r02"})["r02"].x_m == 0.99
+    sensing.settle()
+    assert sensing.sighted(own, 20 * MS, {"r02"}) == {}
+
+
 def test_an_occluded_robot_stays_where_it_was_last_seen_and_is_marked() -> None:
     sensing = Sensing("r01", 1.0, 0.5)
     places = {"r01": (0.0, 0.0), "r02": (0.5, 0.0)}
