@@ -31,7 +31,6 @@ class Entry:
     state: Link = Link.OFF
     tx: TransactionId | None = None
     """The transaction it is in: an offer's life, or a removal."""
-    since_s: float = 0.0
     sent_s: float = -1e9
     life: TransactionId | None = None
     """The ADD that made this link."""

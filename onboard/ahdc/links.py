@@ -123,7 +123,7 @@ class LinkTable:
         entry = self.entries.setdefault(other, Entry())
         if entry.state is Link.OFF or (entry.state is Link.DOUBT and entry.tx is None):
             self._close_life(entry)
-            entry.state, entry.since_s = Link.OFFERED, now_s
+            entry.state = Link.OFFERED
             entry.tx = entry.life = self._new_id()
             self._send(entry, now_s, other, "add")
 
@@ -134,7 +134,7 @@ class LinkTable:
             return False
         entry = self.entries[other]
         tx = self._new_id()
-        entry.state, entry.tx, entry.since_s = Link.DOUBT, tx, now_s
+        entry.state, entry.tx = Link.DOUBT, tx
         self.removal = Removal(tx, other, now_s)
         self.outbox.append(LinkMessage(to=path[1], kind="lock", tx=tx, path=tuple(path), hop=1))
         return True
@@ -211,7 +211,7 @@ class LinkTable:
             if self.removal is not None and self.removal.other == sender:
                 self.removal = None
             self._close_life(entry)
-            entry.state, entry.since_s = Link.ACCEPTED, now_s
+            entry.state = Link.ACCEPTED
             entry.tx = entry.life = self._lives[sender] = tx
         if entry.state is Link.ACCEPTED and entry.life == tx:
             self._send(entry, now_s, sender, "accept")
@@ -221,7 +221,7 @@ class LinkTable:
             self.outbox.append(LinkMessage(to=sender, kind="unknown", tx=tx))
             return
         if entry.state is Link.OFFERED:
-            entry.state, entry.since_s = Link.ON, now_s
+            entry.state = Link.ON
         if entry.state is not Link.OFF:
             self._send(entry, now_s, sender, "confirm", tx)
 
@@ -239,8 +239,7 @@ class LinkTable:
             again = entry.state is Link.DOUBT and entry.tx == tx
             sound = self.vouches(coordinator) and self.vouches(sender)
             if again or (sound and tx not in self._closed and self._current(tx)):
-                entry.state, entry.tx, entry.since_s = Link.DOUBT, tx, now_s
-                entry.sent_s = now_s
+                entry.state, entry.tx, entry.sent_s = Link.DOUBT, tx, now_s
                 self.outbox.append(LinkMessage(to=coordinator, kind="yes", tx=tx))
                 return
         elif self.vouches(sender) and self.vouches(path[hop + 1]):
@@ -260,7 +259,7 @@ class LinkTable:
         if self.removal is not None and self.removal.tx == tx and self.removal.other == sender:
             self.removal = None
             _remember(self._committed, tx)
-            entry.state, entry.tx, entry.since_s = Link.LEAVING, tx, now_s
+            entry.state, entry.tx = Link.LEAVING, tx
             self._send(entry, now_s, sender, "commit")
         elif tx.coordinator == self.robot:
             self._on_inquire(sender, tx)

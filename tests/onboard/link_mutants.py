@@ -43,7 +43,7 @@ class NoFirstLinkCheck(LinkTable):
             return False
         tx = self._new_id()
         entry = self.entries[other]
-        entry.state, entry.tx, entry.since_s = Link.DOUBT, tx, now_s
+        entry.state, entry.tx = Link.DOUBT, tx
         self.removal = Removal(tx, other, now_s)
         self.outbox.append(LinkMessage(to=path[1], kind="lock", tx=tx, path=tuple(path), hop=1))
         return True
@@ -78,7 +78,7 @@ class FarEnd(LinkTable):
         entry = self.entries.setdefault(path[0], Entry())
         again = entry.state is Link.DOUBT and entry.tx == tx
         if again or (self.own(path[0]) and self.last(sender) and self.fresh(tx)):
-            entry.state, entry.tx, entry.since_s, entry.sent_s = Link.DOUBT, tx, now_s, now_s
+            entry.state, entry.tx, entry.sent_s = Link.DOUBT, tx, now_s
             self.outbox.append(LinkMessage(to=path[0], kind="yes", tx=tx))
         else:
             self.outbox.append(LinkMessage(to=sender, kind="nack", tx=tx, path=path, hop=message.hop - 1))

@@ -232,7 +232,7 @@ class Search:
             if k in (a, b):
                 number = 1 + [edge[1] for edge in self._edges if edge[0] == a].index(b)
                 life = TransactionId(coordinator=self.names[a], boot=1, number=number)
-                made.entries[self.names[b if k == a else a]] = Entry(Link.ON, life, 0.0, 0.0, life)
+                made.entries[self.names[b if k == a else a]] = Entry(Link.ON, life, 0.0, life)
         made._counter = self._base[k]
         return made
 
@@ -268,7 +268,7 @@ def copy_of(table: LinkTable) -> LinkTable:
     """A copy that shares nothing that changes."""
     made = object.__new__(type(table))
     made.__dict__.update(table.__dict__)
-    made.entries = {name: Entry(e.state, e.tx, 0.0, 0.0, e.life) for name, e in table.entries.items()}
+    made.entries = {name: Entry(e.state, e.tx, 0.0, e.life) for name, e in table.entries.items()}
     made.outbox = []
     made.removal = table.removal and Removal(table.removal.tx, table.removal.other, 0.0)
     for name in ("_committed", "_closed", "boots", "_lives"):
@@ -278,7 +278,7 @@ def copy_of(table: LinkTable) -> LinkTable:
 
 def forget_time(table: LinkTable) -> None:
     for entry in table.entries.values():
-        entry.since_s = entry.sent_s = 0.0
+        entry.sent_s = 0.0
     if table.removal is not None:
         table.removal.started_s = 0.0
 
