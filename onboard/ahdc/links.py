@@ -205,9 +205,8 @@ class LinkTable:
         crossed = entry.state is Link.OFFERED
         if crossed and self.robot < sender:
             return  # both offered: the lower id's offer counts
-        forgotten = entry.state is Link.DOUBT and entry.tx is None
         orphaned = entry.state in (Link.ACCEPTED, Link.DOUBT, Link.LEAVING, Link.ON) and entry.life != tx
-        if entry.state is Link.OFF or crossed or forgotten or orphaned:
+        if entry.state is Link.OFF or crossed or orphaned:
             if self.removal is not None and self.removal.other == sender:
                 self.removal = None
             self._close_life(entry)
