@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.messages import LinkMessage, TransactionId
+from contract.messages import LinkMessage
 from onboard.ahdc.links import Link, LinkTable
+from tests.onboard.link_ends import life, linked
 from tests.onboard.link_mutants import ConsentOnly, NoDoubt, NoLastLinkCheck, NoPathCheck
 from tests.onboard.link_world import LinkWorld, RoamingWorld, Split, complete, grid, play, random_graph, ring, roam
 
@@ -83,22 +84,8 @@ def test_roaming_robots_really_move_and_part() -> None:
     assert sum(world.removed for world in worlds) > 20
 
 
-def life(robot: str, number: int, boot: int = 1) -> TransactionId:
-    return TransactionId(coordinator=robot, boot=boot, number=number)
-
-
-def linked(robot: str, other: str, number: int) -> LinkTable:
-    """A table whose link to ``other`` is ON by the other's offer ``number``."""
-    table = LinkTable(robot, boot=1)
-    for kind in ("add", "confirm"):
-        table.hear(other, LinkMessage(to=robot, kind=kind, tx=life(other, number)), 0.0)
-    assert table.state(other) is Link.ON
-    table.outbox.clear()
-    return table
-
-
 def test_an_offer_that_comes_late_changes_nothing() -> None:
-    table = linked("r02", "r01", 5)
+    table = linked("r02", "r01")
     table.hear("r01", LinkMessage(to="r02", kind="add", tx=life("r01", 4)), 0.0)
     assert table.state("r01") is Link.ON
     assert table.outbox == []
@@ -113,7 +100,7 @@ def test_a_newer_offer_is_taken_while_an_older_one_is_open() -> None:
 
 
 def test_an_accepted_offer_that_its_maker_forgot_is_made_anew_by_the_other_side() -> None:
-    table, maker = LinkTable("r02", boot=1), linked("r01", "r02", 0)
+    table, maker = LinkTable("r02", boot=1), linked("r01", "r02", number=0)
     table.hear("r01", LinkMessage(to="r02", kind="add", tx=life("r01", 4)), 0.0)
     maker.hear("r02", table.outbox.pop(), 0.0)
     assert [message.kind for message in maker.outbox] == ["unknown"]
@@ -126,7 +113,7 @@ def test_an_accepted_offer_that_its_maker_forgot_is_made_anew_by_the_other_side(
 
 
 def test_a_removal_from_before_a_reboot_is_refused() -> None:
-    table = linked("r03", "r01", 1)
+    table = linked("r03", "r01")
     for kind in ("add", "confirm"):
         table.hear("r02", LinkMessage(to="r03", kind=kind, tx=life("r02", 1)), 0.0)
     table.outbox.clear()
@@ -138,7 +125,7 @@ def test_a_removal_from_before_a_reboot_is_refused() -> None:
 
 
 def test_a_removal_its_coordinator_forgot_ends_in_a_new_offer() -> None:
-    table = linked("r03", "r01", 1)
+    table = linked("r03", "r01")
     for kind in ("add", "confirm"):
         table.hear("r02", LinkMessage(to="r03", kind=kind, tx=life("r02", 1)), 0.0)
     lock = LinkMessage(to="r03", kind="lock", tx=life("r01", 7), path=("r01", "r02", "r03"), hop=2)
