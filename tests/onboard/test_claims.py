@@ -2,6 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from contract.messages import NeighbourState, ToldClaim
 from onboard.ahdc.claims import CLAIM_HOPS, CLAIM_LIFE_S, CLAIMS_A_MESSAGE, ClaimBook
@@ -68,6 +69,37 @@ def test_a_neighbour_in_sight_is_measured_where_it_is_seen_and_its_hold_counts_a
     seen = {"r02": Sighted(0.25, 0.0, 0.0, 0.0, 0.0, True)}
     assert book.claims({"r02": Heard(told, 0.0, False)}, seen, 0.0) == [Claim("r02", 7, 0.75 + 0.5 * SPEED_MPS)]
     assert book.claims({}, {}, 0.0) == [Claim("r02", 7, 1.0 + 0.5 * SPEED_MPS)]
+
+
+def test_only_a_newer_word_keeps_a_claim_alive() -> None:
+    book = ClaimBook("r09", SPEED_MPS)
+    said = state("r02", 1, 7, 0.5)
+    book.learn("r02", said, 10.0)
+    book.learn("r02", said, 10.0 + CLAIM_LIFE_S)
+    assert book.claims({}, {}, 10.0 + CLAIM_LIFE_S) == [], "the same message again"
+    passed = ToldClaim(robot="r01", number=4, target=7, left_m=0.3, hops=2)
+    book.learn("r03", state("r03", 1, claims=(passed,)), 20.0)
+    book.learn("r04", state("r04", 1, claims=(passed,)), 20.3)
+    book.learn("r05", state("r05", 1, claims=(replace(passed, number=3, target=9),)), 20.4)
+    assert book.claims({}, {}, 20.4) == [Claim("r01", 7, 0.3)], "an older word"
+    assert book.claims({}, {}, 20.0 + CLAIM_LIFE_S) == [], "the same word by another way"
+
+
+def test_claims_on_one_target_are_those_on_it_and_else_all_there_are() -> None:
+    book = ClaimBook("r09", SPEED_MPS)
+    near = {f"r0{k}": Heard(state(f"r0{k}", 1, claim, 0.5), 0.0, False) for k, claim in enumerate((-1, 0, 7), 1)}
+    far = [ToldClaim(robot=f"r1{k}", number=1, target=k - 1, left_m=0.3, hops=2) for k in range(3)]
+    book.learn("r01", state("r01", 1, claims=tuple(far)), 0.0)
+    on_0 = [Claim("r02", 0, 0.5), Claim("r11", 0, 0.3)]
+    assert book.claims(near, {}, 0.0, 0) == on_0
+    assert book.claims(near, {}, 0.0, 7) == [Claim("r03", 7, 0.5)]
+    assert book.claims(near, {}, 0.0) == [on_0[0], Claim("r03", 7, 0.5), on_0[1], Claim("r12", 1, 0.3)]
+
+
+def test_who_claims_nothing_passes_that_on() -> None:
+    book = ClaimBook("r09", SPEED_MPS)
+    book.learn("r02", state("r02", 1), 0.0)
+    assert book.to_tell(0.0) == (ToldClaim(robot="r02", number=1, target=-1, left_m=0.0, hops=2),)
 
 
 @given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 9), st.integers(-1, 5), st.integers(1, 9)), max_size=30))

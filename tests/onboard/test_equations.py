@@ -222,6 +222,47 @@ def test_separation_pushes_away_and_grows_when_nearer(bearing: float, ahead: flo
     assert math.hypot(*behaviour.separation((0, 0), [(0.0, 0.0)], course, 0.2)) > 0
 
 
+@given(points, st.lists(points, max_size=4), angles, angles, points)
+def test_separation_does_not_know_the_frame_nor_the_order_of_the_others(
+    own: tuple[float, float],
+    ways: list[tuple[float, float]],
+    ahead: float,
+    turn: float,
+    shift: tuple[float, float],
+) -> None:
+    others = [(own[0] + 0.2 * x, own[1] + 0.2 * y) for x, y in ways if math.hypot(x, y) > 1e-3]
+    course = (math.cos(ahead), math.sin(ahead))
+    u = behaviour.separation(own, others, course, 0.1)
+    moved = [turned(other, turn, shift) for other in reversed(others)]
+    turned_u = behaviour.separation(turned(own, turn, shift), moved, turned(course, turn), 0.1)
+    assert turned_u == pytest.approx(turned(u, turn), abs=1e-6)
+
+
+@pytest.mark.parametrize(("bearing", "weight"), [(0.0, 1.0), (math.pi / 2, 0.75), (-math.pi / 2, 0.75), (math.pi, 0.5)])
+def test_separation_fades_beyond_r_a_is_half_as_strong_to_the_rear_and_steps_to_the_right(
+    bearing: float, weight: float
+) -> None:
+    towards = (math.cos(bearing), math.sin(bearing))
+    near, far = [(d * towards[0], d * towards[1]) for d in (0.25, 0.51)]
+    u = behaviour.separation((0.0, 0.0), [far, near], (1.0, 0.0), 0.2)
+    push = weight * math.exp(-30.0 * 0.05)
+    away, right = (-push * towards[0], -push * towards[1]), (push * towards[1], -push * towards[0])
+    assert u == pytest.approx((away[0] + 0.3 * right[0], away[1] + 0.3 * right[1]))
+
+
+def test_separation_grows_no_more_deep_inside_r_a() -> None:
+    edge = 0.2 - 5.0 / 30.0 + 1e-7
+    assert behaviour.separation((0.0, 0.0), [(-0.02, 0.0), (edge, 0.0)], (0.0, 0.0), 0.2) == pytest.approx(
+        (0.0, 0.0), abs=1e-3
+    )
+
+
+def test_coincident_robots_part_as_if_the_other_were_a_hair_ahead_along_x() -> None:
+    for course in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
+        hair = behaviour.separation((0.0, 0.0), [(1e-6, 0.0)], course, 0.001)
+        assert behaviour.separation((0.0, 0.0), [(0.0, 0.0)], course, 0.001) == pytest.approx(hair, abs=1e-4)
+
+
 @given(points, points, st.floats(0, 1))
 def test_alignment_points_to_the_goal(own: tuple[float, float], goal: tuple[float, float], share: float) -> None:
     u = behaviour.alignment(own, goal, share)
@@ -231,6 +272,18 @@ def test_alignment_points_to_the_goal(own: tuple[float, float], goal: tuple[floa
         assert u[0] * (goal[0] - own[0]) + u[1] * (goal[1] - own[1]) == pytest.approx(share * distance, rel=1e-6)
     else:
         assert math.hypot(*u) <= 1
+
+
+def test_alignment_is_a_unit_vector_and_naught_at_the_goal() -> None:
+    assert behaviour.alignment((1.0, 1.0), (4.0, 5.0)) == pytest.approx((0.6, 0.8))
+    assert behaviour.alignment((1.0, 1.0), (1.0, 1.0)) == (0.0, 0.0)
+
+
+@given(points, st.floats(0.01, 3.0))
+def test_saturation_shortens_and_never_turns(vector: tuple[float, float], limit: float) -> None:
+    length = math.hypot(*vector)
+    share = min(1.0, limit / length) if length else 1.0
+    assert behaviour.saturate(vector, limit) == pytest.approx((share * vector[0], share * vector[1]))
 
 
 @given(st.lists(st.floats(R_N, R_C), max_size=5), st.floats(0.001, 1))
@@ -265,6 +318,14 @@ def test_eq_14_removal_needs_both_ends_and_never_the_kept_link(
     assert expansion.consent("me", wished, wishes) == removed
 
 
+def test_a_way_through_the_robot_itself_joins_no_links_and_each_group_gives_up_its_own() -> None:
+    here = {"r02": (0.9, 0.1), "r03": (0.9, -0.1), "r04": (-0.9, 0.1), "r05": (-0.9, -0.1)}
+    through_me = {name: {"me"} for name in here}
+    assert expansion.wished_removals("me", (0.0, 0.0), here, here, through_me, (0.0, 1.0)) == set()
+    pairs = through_me | {"r02": {"me", "r03"}, "r04": {"me", "r05"}}
+    assert expansion.wished_removals("me", (0.0, 0.0), here, here, pairs, (0.0, 1.0)) == {"r03", "r05"}
+
+
 def view(sighted: dict[str, Sighted], heard: dict[str, Heard] | None = None) -> View:
     return View(0.0, Motion(0.0, 0.0, 0.0, 0.0, 0.0), sighted, heard or {}, {}, 0.0, True)
 
@@ -287,6 +348,27 @@ def test_algorithm_1_stops_without_a_goal_and_bounds_with_critical_robots() -> N
     law.velocity(view(two, heard), Goal((0.0, -3.0), 0.0, "target"))
     assert law.wishes == {"r02"}
     assert law.kept == {"r03"}
+
+
+def test_algorithm_1_keeps_critical_links_where_it_stops_and_bounds_nothing_for_a_covered_robot() -> None:
+    law = PaperLaw("r01", paper_parameters())
+    assert law.neighbours == law.wishes == law.kept == set(), "what it may tell before its first step"
+    far, between = Sighted(-0.9, 0.0, 0.0, 0.0, 0.0, True), Sighted(-0.45, 0.0, 0.0, 0.0, 0.0, True)
+    for goal in (None, Goal((0.5, 0.0), 0.5, "indicator")):
+        assert law.velocity(view({"r02": far}), goal) == (0.0, 0.0)
+        assert law.kept == {"r02"}
+    law.velocity(view({"r02": far, "r03": between}), Goal((3.0, 0.0), 0.0, "target"))
+    assert law.kept == set(), "r03 is near both"
+    assert law.neighbours == {"r02", "r03"}
+
+
+def test_algorithm_1_removes_no_link_joined_to_others_by_the_robot_itself_alone() -> None:
+    law = PaperLaw("r01", paper_parameters())
+    two = {"r02": Sighted(-0.9, 0.3, 0.0, 0.0, 0.0, True), "r03": Sighted(0.9, -0.3, 0.0, 0.0, 0.0, True)}
+    heard = {name: Heard(state(name, links_on=("r01",), wishes=("r01",)), 0.0, False) for name in two}
+    law.velocity(view(two, heard), Goal((0.0, -3.0), 0.0, "target"))
+    assert law.wishes == set()
+    assert law.kept == {"r02", "r03"}
 
 
 EXPECTED = {

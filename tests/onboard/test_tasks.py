@@ -1,16 +1,17 @@
 """COTR's field additions: yielding, choice by reachability, memory, HELP."""
 
 import dataclasses
+import itertools
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from contract.messages import Help, NeighbourState
 from onboard.ahdc.assist import LIMIT_S, OPEN_S, PATIENCE_S, Assist
-from onboard.ahdc.cotr import Claim, Task, reachable_target, spanning_excess_m, yields
+from onboard.ahdc.cotr import TIE_M, Claim, Task, reachable_target, spanning_excess_m, yields
 from onboard.ahdc.memory import TargetMemory, from_hex, to_hex
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.relay import middle, relay_point
@@ -24,6 +25,8 @@ distances = st.floats(0.1, 3).map(lambda x: round(x, 3))
 
 
 @given(st.floats(0, 2), st.floats(0, 2))
+@example(TIE_M, 0.0)
+@example(0.0, TIE_M)
 def test_of_two_robots_on_one_target_exactly_one_yields(mine: float, theirs: float) -> None:
     first = yields("r01", mine, [Claim("r02", 7, theirs)], 7)
     second = yields("r02", theirs, [Claim("r01", 7, mine)], 7)
@@ -40,6 +43,33 @@ def test_the_spanning_excess_is_zero_for_close_points_and_frame_free(
     moved = [(-y + 1, x - 2) for x, y in cloud]
     assert math.isclose(spanning_excess_m(moved, free), excess, abs_tol=1e-6)
     assert spanning_excess_m(cloud, 100.0) == 0
+
+
+@given(st.lists(points, max_size=7), st.floats(0.1, 1))
+def test_the_spanning_excess_is_that_of_the_shortest_tree(cloud: list[tuple[float, float]], free: float) -> None:
+    pairs = itertools.combinations(range(len(cloud)), 2)
+    tree = list(range(len(cloud)))
+    excess = 0.0
+    for gap, one, other in sorted((math.dist(cloud[one], cloud[other]), one, other) for one, other in pairs):
+        if tree[one] != tree[other]:
+            excess += max(0.0, gap - free)
+            tree = [tree[one] if root == tree[other] else root for root in tree]
+    assert spanning_excess_m(cloud, free) == pytest.approx(excess, abs=1e-9)
+
+
+def test_where_no_target_is_open_none_is_chosen() -> None:
+    assert reachable_target((0.0, 0.0), {}, [(1.0, 0.0)], 0.98) is None
+
+
+def test_of_targets_that_cost_the_same_the_one_of_lower_index_is_chosen() -> None:
+    outer, inner = (-1.5, 0.0), (0.5, 0.0)
+    assert reachable_target((0.0, 0.0), {0: outer, 1: inner}, [], 0.98, inner) == 0
+    assert reachable_target((0.0, 0.0), {1: outer, 0: inner}, [], 0.98, inner) == 0
+
+
+def test_a_target_is_no_better_for_being_far_from_the_others() -> None:
+    targets = {0: (0.4, 0.0), 1: (-0.45, 0.0)}
+    assert reachable_target((0.0, 0.0), targets, [(0.1, 0.6)], 0.98) == 0
 
 
 @given(st.dictionaries(st.integers(0, 20), points, min_size=1), points)
@@ -71,20 +101,27 @@ def test_of_two_targets_the_outer_is_taken_first_unless_it_is_much_farther() -> 
     assert chosen(1.2) == 0
 
 
-@given(st.dictionaries(st.integers(0, 9), points, min_size=1, max_size=6), points, st.lists(points, max_size=4), points)
+@given(
+    st.dictionaries(st.integers(0, 9), points, min_size=1, max_size=6),
+    points,
+    st.lists(points, max_size=4),
+    points,
+    st.floats(0.3, 2.0),
+)
 def test_the_search_that_ends_early_finds_the_least_cost(
     targets: dict[int, tuple[float, float]],
     own: tuple[float, float],
     anchors: list[tuple[float, float]],
     middle: tuple[float, float],
+    radius: float,
 ) -> None:
     def cost(index: int) -> float:
         place = targets[index]
         farther = max(0.0, math.dist(own, place) - min((math.dist(place, a) for a in anchors), default=math.inf))
-        stretch = spanning_excess_m([place, *anchors], 0.9 * 0.98)
+        stretch = spanning_excess_m([place, *anchors], 0.9 * radius)
         return math.dist(own, place) + 2 * stretch + 0.6 * farther - 0.5 * math.dist(place, middle)
 
-    chosen = reachable_target(own, targets, anchors, 0.98, middle)
+    chosen = reachable_target(own, targets, anchors, radius, middle)
     assert cost(chosen) == pytest.approx(min(cost(k) for k in targets), abs=1e-9)
 
 
@@ -145,14 +182,58 @@ def test_the_shortest_way_left_wins_and_hops_stay_below_the_number_of_robots(hea
 
 def test_a_tracker_nearer_to_its_target_than_the_one_that_asks_keeps_it_and_asks_itself() -> None:
     far = [("r03", Help(robot="r01", hops=0, left_m=2.4))]
-    nearer, farther, idle = (Assist("r02", robots=4) for _ in range(3))
+    nearer, level, farther, idle = (Assist("r02", robots=4) for _ in range(4))
     nearer.listen(far, 0.4, 1.0, ["r03"])
     assert nearer.heard is None
+    assert nearer.via == ""
     assert nearer.told == Help(robot="r02", hops=0, number=1, left_m=0.4)
+    level.listen(far, 2.4, 1.0, ["r03"])
     farther.listen(far, 2.5, 1.0, ["r03"])
     idle.listen(far, taut=["r03"])
-    assert farther.via == idle.via == "r03"
-    assert farther.request is None
+    assert level.via == farther.via == idle.via == "r03"
+    assert level.request is farther.request is None
+
+
+def test_a_request_made_on_hearing_another_runs_out_like_any_other() -> None:
+    assist = Assist("r02", robots=4)
+    assist.start_tracking(1.0)
+    assist.listen([("r03", Help(robot="r01", hops=0, left_m=2.4))], 0.4, 1.0, ["r03"])
+    assert not assist.track(0.4, 0.9 + LIMIT_S)
+    assert assist.track(0.4, 1.1 + LIMIT_S)
+
+
+def test_each_request_has_a_number_of_its_own_and_a_robot_that_has_stopped_tracking_tells_none() -> None:
+    assist = Assist("r02", robots=4)
+    numbers = []
+    for start_s in (0.0, 10.0, 20.0):
+        assist.start_tracking(start_s)
+        assist.track(0.5, start_s)
+        assist.track(0.5, start_s + 2 * PATIENCE_S)
+        assert assist.told is not None
+        numbers.append(assist.told.number)
+        assist.stop_tracking()
+        assert assist.told is None
+    assert len(set(numbers)) == 3
+
+
+@pytest.mark.parametrize(
+    ("hops", "taut", "via"),
+    [
+        ((0, 0), ("r04",), "r04"),
+        ((0, 1), ("r03", "r04"), "r03"),
+        ((1, 0), ("r03", "r04"), "r04"),
+        ((0, 0), ("r03", "r04"), "r03"),
+    ],
+    ids=["over the taut link", "nearer first", "nearer last", "as near: the lower id"],
+)
+def test_of_two_that_pass_on_one_request_it_goes_to_the_one_nearer_to_who_asks(
+    hops: tuple[int, int], taut: tuple[str, ...], via: str
+) -> None:
+    assist = Assist("r02", robots=6)
+    told = zip(("r03", "r04"), (Help(robot="r01", hops=n, left_m=0.4) for n in hops), strict=True)
+    assist.listen(told, now_s=1.0, taut=taut)
+    assert assist.via == via
+    assert assist.told == Help(robot="r01", hops=min(hops) + 1, left_m=0.4)
 
 
 @pytest.mark.parametrize(("own_m", "task"), [(0.05, Task.TRACKING), (0.16, Task.TRACKING), (0.18, Task.FREE)])
@@ -289,6 +370,12 @@ def test_the_middle_is_nearly_that_of_the_smallest_circle(cloud: list[tuple[floa
     assert max(math.dist(turned, (cosine * a - sine * b + 1, sine * a + cosine * b)) for a, b in cloud) <= 1.1 * radius
 
 
+def test_between_two_it_is_midway_and_round_more_it_is_within_a_twentieth_of_the_radius() -> None:
+    assert middle([(0.0, 0.0), (1.0, 0.0)]) == pytest.approx((0.5, 0.0), abs=1e-3)
+    cloud, radius = [(0.5, 0.5), (0.0, -0.4), (-0.5, 0.8), (0.4, 0.6)], 0.6654
+    assert max(math.dist(middle(cloud), point) for point in cloud) <= 1.05 * radius
+
+
 @pytest.mark.parametrize(
     ("others", "goal"),
     [
@@ -296,8 +383,11 @@ def test_the_middle_is_nearly_that_of_the_smallest_circle(cloud: list[tuple[floa
         ([("r01", 0.0, 0.9, {"claim": 1, "claim_at": (0.2, 1.2)}), ("r03", 0.0, -0.8, {"hops": 2})], None),
         ([("r01", 0.0, 0.9, {"hops": 0}), ("r03", 0.0, -0.8, {"hops": 1})], None),
         ([("r01", 0.0, 0.9, {"claim": 1, "claim_at": (0.2, 1.2)}), ("r03", 0.0, -0.8, {"links_on": ()})], None),
+        ([("r00", 0.9, 0.0, {"links_on": ()}), ("r01", 0.0, 0.9, {"claim": 1, "claim_at": (0.2, 1.2)}),
+          ("r03", 0.0, -0.8, {"hops": 1})], (0.1, 0.2)),
     ],
-    ids=["between", "a follower does not hold it back", "nobody is bound for a target", "no link"],
+    ids=["between", "a follower does not hold it back", "nobody is bound for a target", "no link",
+         "who keeps no link does not count"],
 )  # fmt: skip
 def test_a_free_robot_stands_between_those_that_pull(
     others: list[tuple[str, float, float, dict[str, object]]], goal: tuple[float, float] | None
