@@ -117,6 +117,12 @@ def test_eq_6_covered_robots_have_a_robot_near_both(
         assert (name in covered) == (name not in direct and witness)
 
 
+def test_eq_5_6_the_noncritical_area_is_closed_at_r_n() -> None:
+    assert neighbours.noncritical_direct({"r02": R_N}, R_N) == {"r02"}
+    others = {"r02": (R_N, 0.0), "r03": (0.0, 0.0)}
+    assert neighbours.noncritical_covered({"r02": 0.9, "r03": 0.1}, others, R_N) == {"r02"}
+
+
 @given(st.lists(st.floats(R_N, R_C), max_size=6), st.data())
 def test_eq_7_no_run_step_within_the_bound_breaks_a_link(distances: list[float], data: st.DataObject) -> None:
     bound = preservation.run_step_bound_m(distances, R_C, EPSILON)

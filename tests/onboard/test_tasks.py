@@ -68,8 +68,9 @@ def test_of_targets_that_cost_the_same_the_one_of_lower_index_is_chosen() -> Non
 
 
 def test_a_target_is_no_better_for_being_far_from_the_others() -> None:
-    targets = {0: (0.4, 0.0), 1: (-0.45, 0.0)}
-    assert reachable_target((0.0, 0.0), targets, [(0.1, 0.6)], 0.98) == 0
+    targets = {0: (0.4, 0.0), 1: (-0.45, 0.0), 2: (-0.025, -3.0)}
+    as_far_from_both = (-0.025, 0.0)
+    assert reachable_target((0.0, 0.0), targets, [(0.1, 0.6)], 0.98, as_far_from_both) == 0
 
 
 @given(st.dictionaries(st.integers(0, 20), points, min_size=1), points)
