@@ -236,7 +236,7 @@ def test_separation_does_not_know_the_frame_nor_the_order_of_the_others(
     turn: float,
     shift: tuple[float, float],
 ) -> None:
-    others = [(own[0] + 0.2 * x, own[1] + 0.2 * y) for x, y in ways if math.hypot(x, y) > 1e-3]
+    others = [(own[0] + 0.19 * x, own[1] + 0.19 * y) for x, y in ways if math.hypot(x, y) > 1e-3]
     course = (math.cos(ahead), math.sin(ahead))
     u = behaviour.separation(own, others, course, 0.1)
     moved = [turned(other, turn, shift) for other in reversed(others)]
