@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from contract.allocator import give_back
 from contract.arena import Arena, digest, load
 from contract.codec import WireError, decode
 from contract.keys import Keys
@@ -285,6 +286,7 @@ def run(args: argparse.Namespace) -> int:
     going = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: going.clear())
+    give_back()
     intake = Intake(arena)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
