@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--workers", type=int, default=1, metavar="K", help="processes (default 1)")
     add("--cluster", metavar="ADDRESS", help="play on the Dask cluster of that scheduler, e.g. tcp://10.0.0.5:8786")
     add("--limit-s", type=float, default=180.0, help="give a mission up after this virtual time (default 180)")
-    add("--wire", action="store_true", help="every hop real bytes: NatNet, JSON, CAN or serial (about as slow as life)")
+    add("--wire", action="store_true", help="every hop real bytes: NatNet, JSON, CAN or serial (half as fast)")
     add("--json", type=Path, metavar="FILE", help="write settings, summary and every run as JSON")
     add("--save", type=Path, metavar="DIR", help="keep each run as a folder DIR/seed-S that `report` draws")
     world = parser.add_argument_group("conditions", "A:B is an interval; each option replaces that part of the preset")

@@ -10,7 +10,7 @@ import math
 
 from onboard.courses import CutBounds, brake_way, cut_way
 from onboard.hulls import Way
-from onboard.limits import Neighbour, Told, stop_m
+from onboard.limits import Neighbour, Place, Told, stop_m
 
 MAX_AGE_S = 0.5
 AGED_MPS = 0.1
@@ -22,8 +22,6 @@ ALIKE_MPS = 0.03
 STILL_MPS = 0.005
 """A robot no faster than this is where it is."""
 
-Place = tuple[float, float, float]
-"""x m, y m, heading rad."""
 Rims = tuple[float, float, float, float]
 """Rim speeds that a robot may have, m/s: measured left and right, asked left and right."""
 

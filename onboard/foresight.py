@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from contract.messages import NeighbourState
 from onboard.courses import CutBounds
 from onboard.foreseen import AGE_STEP_S, Foreseen, heard, seen
-from onboard.limits import Neighbour, RimSpeeds, Told
+from onboard.limits import Neighbour, Place, RimSpeeds, Told
 
 
 class Foretold(Told):
@@ -17,7 +17,7 @@ class Foretold(Told):
 
     __slots__ = ("by_age", "used")
 
-    def __init__(self, place: tuple[float, float, float], rims: RimSpeeds, asked: RimSpeeds) -> None:
+    def __init__(self, place: Place, rims: RimSpeeds, asked: RimSpeeds) -> None:
         super().__init__(place, rims, asked)
         self.by_age: dict[int, Foreseen] = {}
         """By age steps."""

@@ -44,18 +44,20 @@ class Bounds(NamedTuple):
     reaction_s: float = REACTION_S
 
 
+Place = tuple[float, float, float]
+"""x m, y m, heading rad."""
 RimSpeeds = tuple[float, float]
 """Speeds of the left and the right rim, m/s."""
 
 
 class Told:
-    """What another robot's newest message says of its motion, for the time it was sent."""
+    """What another robot's newest message says of its motion, at one moment."""
 
     __slots__ = ("asked", "place", "rims")
 
-    def __init__(self, place: tuple[float, float, float], rims: RimSpeeds, asked: RimSpeeds) -> None:
+    def __init__(self, place: Place, rims: RimSpeeds, asked: RimSpeeds) -> None:
         """
-        :param place: x and y, m, and heading, rad.
+        :param place: for the time it was sent.
         :param rims: measured.
         :param asked: commanded.
         """

@@ -8,7 +8,7 @@ from onboard.ahdc.parameters import Vector
 from onboard.ahdc.view import View
 
 HALVES = 20
-"""Steps of the search for the middle; it ends within a twentieth of the circle's radius."""
+"""Steps of the search for the middle; it ends within about a twentieth of the circle's radius."""
 
 
 def linked(state: NeighbourState, robot: str) -> bool:

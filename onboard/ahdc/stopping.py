@@ -18,7 +18,7 @@ from onboard.ahdc.parameters import Parameters, Vector
 
 INTEGRATION_STEP_S = 0.002
 NODES = 49
-"""Table nodes an axis; with linear interpolation the error stays below 0.2 mm."""
+"""Table nodes an axis; with linear interpolation the error stays below 0.3 mm up to u_max."""
 TABLE_RANGE = 1.15
 """Rim speeds covered, in units of u_max: measured speed may overshoot."""
 
