@@ -1,8 +1,10 @@
 """The robot computer's doctor against trees of files: each bad value is found and named, a good computer passes."""
 
+import gc
 import json
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,14 @@ WELL = {
     "allowed_cores": 4,
     "optimised": True,
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def little_to_collect() -> Iterator[None]:
+    """Every snapshot times collections: of this module's garbage, not of all that the tests before have left."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 def tree(root: Path, changes: dict[str, str]) -> Snapshot:
