@@ -236,8 +236,6 @@ class LinkMessage(Message, frozen=True, kw_only=True):
     path: tuple[RobotName, ...] = ()
     """Verified detour, coordinator first, the far end of the removed link last."""
     hop: Count = 0
-    incarnation: Count = 0
-    """Which life of the link an ``add``, ``accept`` or ``confirm`` speaks of."""
 
 
 class Help(Message, frozen=True, kw_only=True):

@@ -51,11 +51,11 @@ def separation(own: Vector, others: Iterable[Vector], ahead: Vector, avoidance_r
     return saturate((ux, uy))
 
 
-def alignment(own: Vector, goal: Vector, speed_share: float = 1.0) -> Vector:
-    """u_i^a: unit vector towards the goal, times the share of full speed wanted there."""
+def alignment(own: Vector, goal: Vector) -> Vector:
+    """u_i^a: unit vector towards the goal."""
     dx, dy = goal[0] - own[0], goal[1] - own[1]
     distance = math.hypot(dx, dy)
-    return (dx / distance * speed_share, dy / distance * speed_share) if distance > 1e-9 else (0.0, 0.0)
+    return (dx / distance, dy / distance) if distance > 1e-9 else (0.0, 0.0)
 
 
 def velocity(parts: tuple[Vector, Vector, Vector], weights: tuple[float, float, float], max_speed_mps: float) -> Vector:

@@ -97,7 +97,6 @@ class Tasking:
         self._learn(view)
         own = view.motion[:2]
         if not view.may_move:
-            self._held_from_s = min(self._held_from_s, view.now_s)
             return None
         self._advance(view, own)
         return self._goal(view, own)

@@ -269,13 +269,13 @@ def test_coincident_robots_part_as_if_the_other_were_a_hair_ahead_along_x() -> N
         assert behaviour.separation((0.0, 0.0), [(0.0, 0.0)], course, 0.001) == pytest.approx(hair, abs=1e-4)
 
 
-@given(points, points, st.floats(0, 1))
-def test_alignment_points_to_the_goal(own: tuple[float, float], goal: tuple[float, float], share: float) -> None:
-    u = behaviour.alignment(own, goal, share)
+@given(points, points)
+def test_alignment_points_to_the_goal(own: tuple[float, float], goal: tuple[float, float]) -> None:
+    u = behaviour.alignment(own, goal)
     distance = math.dist(own, goal)
     if distance > 1e-6:
-        assert math.hypot(*u) == pytest.approx(share)
-        assert u[0] * (goal[0] - own[0]) + u[1] * (goal[1] - own[1]) == pytest.approx(share * distance, rel=1e-6)
+        assert math.hypot(*u) == pytest.approx(1.0)
+        assert u[0] * (goal[0] - own[0]) + u[1] * (goal[1] - own[1]) == pytest.approx(distance, rel=1e-6)
     else:
         assert math.hypot(*u) <= 1
 
