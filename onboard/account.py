@@ -1,5 +1,6 @@
 """What a robot tells its station of itself: reports, steps, wheel feedback and log entries. Pure."""
 
+import re
 from typing import Literal, NamedTuple
 
 from contract.arena import Arena, digest
@@ -24,6 +25,8 @@ from onboard.sensing import Sensing
 
 REPORT_PERIOD_NS = 100_000_000
 MAX_BATCH = 64
+NUMBER = re.compile(r"(?<!\w)\d[\d.]*")
+"""Not that in a robot's name."""
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 Outbox = list[tuple[str, Message]]
@@ -116,10 +119,12 @@ class Account:
         self._logs = [*self._logs[-15:], entry]
 
     def verdict(self, verdict: Verdict, now_ns: int) -> None:
-        """Log the supervisor's word where it is another than before."""
+        """Log the supervisor's word where it is another than before; a number in it that runs on is not."""
         words = (verdict.run, verdict.reason)
-        if words != self._last_words:
-            self._last_words = words
+        if words == self._last_words:
+            return
+        before, self._last_words = self._last_words, words
+        if words[0] != before[0] or NUMBER.sub("", words[1]) != NUMBER.sub("", before[1]):
             level: LogLevel = "warning" if verdict.reason else "info"
             self.log(now_ns, level, verdict.run, verdict.reason, verdict.remedy)
 

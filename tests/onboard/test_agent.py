@@ -10,6 +10,7 @@ from contract.margins import cut_m
 from contract.messages import (
     SCHEMA_VERSION,
     BodyPose,
+    LogEntry,
     Message,
     MocapFrame,
     NeighbourState,
@@ -425,3 +426,25 @@ def test_what_a_neighbour_may_do_is_worked_out_when_it_is_heard_and_after_a_comm
     assert worked_out.count("step") == 1, worked_out
     assert worked_out.count("message") == 11
     assert worked_out.count("thought") >= 11
+
+
+def test_a_cause_that_lasts_is_logged_once_however_its_number_runs_on() -> None:
+    stage = Stage()
+    stage.start()
+    stage.said.clear()
+    for _ in range(100):
+        stage.now_ns += 10 * MS
+        stage.beats += 1
+        stage.agent.receive(stage.heartbeat(), stage.now_ns)
+        stage.agent.feedback(stage.feedback(), stage.now_ns)
+        stage.agent.tick(stage.now_ns)
+        stage.said += stage.agent.outbox(stage.now_ns)
+    told = {message.reason for _, message in stage.said if isinstance(message, RobotReport) and message.reason}
+    assert len(told) > 5, "reports say how long it has lasted"
+    logged = [message for _, message in stage.said if isinstance(message, LogEntry)]
+    assert [entry.text.partition(":")[0] for entry in logged] == [
+        "the newest own pose is too old at mid-exposure",
+        "no pose frame arrives",
+    ]
+    stage.run(5)
+    assert [message.event for _, message in stage.said if isinstance(message, LogEntry)][-1] == "running"
