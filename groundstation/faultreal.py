@@ -1,5 +1,6 @@
 """Faults of real processes, buses, disks and the router: rows for the real-time arena, and how one is played."""
 
+import contextlib
 import random
 import signal
 import tempfile
@@ -22,6 +23,8 @@ TOLD_S = 0.06
 """Emulated hardware looks at its faults this often."""
 REST_MPS = 0.01
 PAUSE_S = 0.6
+HELD_S = 1.0
+"""Where the whole computer stood still for a moment robots hold as long, and then go on by themselves."""
 AGREED_M = 0.02
 """Of a way measured at 20 Hz."""
 
@@ -163,6 +166,9 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
         nearest_m = min(nearest_m, stage.nearest_m())
         apart = stage.pieces(name for name in robots if name != victim) > 1 and stage.pieces(robots) > 1
         split = split or (whole and apart)
+    if _goes_on(row):
+        with contextlib.suppress(StageError):
+            stage.until(lambda: stage.reports[victim].run == "running", "it goes on", HELD_S)
     state = stage.reports[victim].run
     ended = tuple(child.name for child in stage.rig.family.children if child.code is not None)
     until_ns = time.monotonic_ns()
@@ -240,11 +246,16 @@ def judged(row: Row, outcome: Outcome, stage: Stage, ended: Sequence[str] = ()) 
     return msgspec.structs.replace(outcome, faults=tuple(faults))
 
 
+def _goes_on(row: Row) -> bool:
+    """The robot is to take no notice."""
+    return row.action == "goes on" and not row.leaves
+
+
 def _real(row: Row, outcome: Outcome, stage: Stage, ended: Sequence[str]) -> Iterator[str]:
     """What only real processes can get wrong."""
     if "killed" not in row.name:
         yield from (f"{name} has ended" for name in ended)
-    if row.action == "goes on" and not row.leaves and outcome.state != "running":
+    if _goes_on(row) and outcome.state != "running":
         report = stage.reports.get(outcome.victim)
         yield f"left {outcome.state}, expected running: {report.reason if report is not None else 'silent'}"
 
