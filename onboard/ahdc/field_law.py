@@ -96,7 +96,11 @@ class FieldLaw:
                 continue
             entry = entries.get(name)
             link = OFF if entry is None else entry.state
-            if link is ON or name not in sighted or name in self.excluded:
+            if name not in sighted or name in self.excluded:
+                continue
+            if link is ON:
+                if self.robot not in state.links_on and self.robot not in state.links_kept:
+                    links.renew(name, now_s)
                 continue
             distance = math.dist(own, sighted[name][:2])
             if distance <= reach_m and (link is OFF or link is Link.DOUBT) and (self.robot < name or not self.joined):

@@ -127,6 +127,12 @@ class LinkTable:
             entry.tx = entry.life = self._new_id()
             self._send(entry, now_s, other, "add")
 
+    def renew(self, other: str, now_s: float) -> None:
+        """The other end says that it keeps this link no more: enforce, stop vouching, offer anew (rule 8)."""
+        entry = self.entries[other]
+        entry.state, entry.tx = Link.DOUBT, None
+        self.offer(other, now_s)
+
     def propose_removal(self, path: list[str], now_s: float) -> bool:
         """Coordinate the removal of the link to ``path[-1]`` over a detour ``path``, own id first (rule 2)."""
         other = path[-1]
@@ -167,7 +173,7 @@ class LinkTable:
         entry = self.entries.setdefault(sender, Entry())
         tx = message.tx
         match message.kind:
-            case "add":
+            case "add" if tx.coordinator == sender:
                 self._on_add(sender, entry, tx, now_s)
             case "accept":
                 self._on_accept(sender, entry, tx, now_s)
@@ -182,7 +188,7 @@ class LinkTable:
                 self._on_yes(sender, entry, tx, now_s)
             case "commit":
                 self._on_commit(sender, entry, tx)
-            case "abort":
+            case "abort" if tx.coordinator == sender:
                 self._close(tx)
                 if entry.state is Link.DOUBT and entry.tx == tx:
                     entry.state = Link.ON

@@ -76,3 +76,33 @@ def test_a_link_just_out_of_reach_holds_nobody_after_a_release() -> None:
     assert links_of(world) == in_reach(world)
     ordered(world, "run")
     assert world.until(40.0), world._why()
+
+
+def half_links_of(world: World) -> set[tuple[str, str]]:
+    """Links that the first keeps and the second does not."""
+    kept = {name: set(agent.controller.link_states()) for name, agent in world.agents.items()}
+    return {(a, b) for a in kept for b in kept[a] if a not in kept[b]}
+
+
+def test_one_that_was_carried_alone_and_drives_back_is_linked_again_by_those_who_never_let_go() -> None:
+    """Its neighbour still held its end: bound to a robot that was not bound to it, for as long as the mission."""
+    arena = arena_for(Job(3, 4, 1, "field", "field", 60.0))
+    starts, targets = ((2.0, 3.0), (2.0, 2.1), (2.4, 1.6)), ((2.3, 3.7), (2.0, 2.5), (2.4, 1.2), (2.0, 4.6))
+    world = World(arena, Scenario(arena.arena.size_m, starts, targets, 1.57), FIELD, 1, 60.0)
+    first, carried, _ = world.agents
+    on(world, 0.1)
+    ordered(world, "hold")
+    world.orders.append((world.now_ns, "disarm", (carried,)))
+    for step in range(1, 9):
+        on(world, 0.1)
+        world.hops.place(carried, Pose(2.0, 2.1 - 0.02 * step, 1.57))
+    on(world, 0.5)
+    assert half_links_of(world) == {(first, carried)}
+    ordered(world, "arm", "run")
+    while math.dist(*(world.hops.places()[name] for name in (first, carried))) > 0.95:
+        assert not on(world, 0.1), world._why()
+    on(world, 0.5)
+    assert not half_links_of(world)
+    assert frozenset((first, carried)) in links_of(world)
+    assert world.until(60.0), world._why()
+    assert world.referee.collisions == 0

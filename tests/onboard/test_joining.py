@@ -29,8 +29,11 @@ def new_law(robot: str = "r01", joined: bool = False, linked: Iterable[str] = ()
 def view(
     now_s: float, others: dict[str, Vector], silent: str = "", unseen: str = "", boots: dict[str, int] | None = None
 ) -> View:
-    """Others at their places, each heard of, in that order."""
-    told = {name: state(name, *place, boot=(boots or {}).get(name, 1)) for name, place in others.items()}
+    """Others at their places, each heard of, in that order; they keep what links they have with the robot."""
+    told = {
+        name: state(name, *place, boot=(boots or {}).get(name, 1), links_kept=("r01", "r09"))
+        for name, place in others.items()
+    }
     sighted = {name: Sighted(*place, 0.0, 0.0, 0.0, True) for name, place in others.items() if name != unseen}
     heard = {name: Heard(message, 0.0, name == silent) for name, message in told.items()}
     return View(now_s, OWN, sighted, heard, {}, 0.0, True)

@@ -30,7 +30,7 @@ def law_with(linked: bool = True) -> FieldLaw:
 
 def view(motion: Motion, seen_at: Vector, left: tuple[Left, ...], now_s: float = 9.0) -> View:
     sighted = {"r02": Sighted(*seen_at, 0.0, 0.0, 0.0, True)}
-    told = state("r02", *seen_at, moving=False)
+    told = state("r02", *seen_at, moving=False, links_on=("r01",))
     return View(now_s, motion, sighted, {"r02": Heard(told, 0.0, False)}, {}, 0.0, True, left)
 
 

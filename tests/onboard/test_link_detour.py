@@ -192,3 +192,21 @@ def test_what_is_unknown_but_not_open_changes_nothing(sender: str, tx: Transacti
     table = agreed()
     assert tell(table, sender, "unknown", tx) == []
     assert (table.state("r01"), table.state("r05")) == (Link.DOUBT, Link.ON)
+
+
+def test_only_its_coordinator_ends_a_removal() -> None:
+    table = linked("r04", "r01", "r03", "r05")
+    assert tell(table, "r05", "abort", TX) == []
+    assert tell(table, "r03", "lock", TX, 0.0, PATH, 3) == [message("r01", "yes", TX)]
+    for kind in ("abort", "commit"):
+        assert tell(table, "r05", kind, TX) == []
+    assert (table.state("r01"), table.state("r05")) == (Link.DOUBT, Link.ON)
+    tell(table, "r01", "abort", TX)
+    assert table.state("r01") is Link.ON
+
+
+def test_nobody_offers_in_the_name_of_another() -> None:
+    table = linked("r04", "r01")
+    assert tell(table, "r05", "add", life("r01", 9)) == []
+    assert table.state("r05") is Link.OFF
+    assert tell(table, "r01", "add", life("r01", 9)) == [message("r01", "accept", life("r01", 9))]

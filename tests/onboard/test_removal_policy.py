@@ -37,14 +37,15 @@ def make_law(others: dict[str, Vector], robot: str = "r01") -> FieldLaw:
 def look(
     others: dict[str, Vector], links_on: Links | None = None, now_s: float = 0.5, silent: str = "", unseen: str = ""
 ) -> View:
-    """Others, relative to the robot, each linked to all others or as said."""
+    """Others, relative to the robot, each linked to all others or as said, and in some state to the robot itself."""
     sighted, heard = {}, {}
     for name, (dx, dy) in others.items():
         x, y = OWN[0] + dx, OWN[1] + dy
         on = others.keys() - {name} if links_on is None else links_on.get(name, set())
         if name != unseen:
             sighted[name] = Sighted(x, y, 0.0, 0.0, 0.0, True)
-        heard[name] = Heard(state(name, x, y, links_on=tuple(sorted(on))), 0.0, name == silent)
+        told = state(name, x, y, links_on=tuple(sorted(on)), links_kept=("r01", "r04"))
+        heard[name] = Heard(told, 0.0, name == silent)
     return View(now_s, Motion(*OWN, 0.0, 0.0, 0.0), sighted, heard, {}, 0.0, True)
 
 
