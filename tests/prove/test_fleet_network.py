@@ -83,7 +83,7 @@ def test_one_robots_radio_gone_for_a_while(fleet: Fleet) -> None:
             fleet.begin()
         began_ns, ended_ns = fleet.cut("r08", seconds)
         released = fleet.finish()
-        settled([fleet.folder])
+        settled(fleet.folder)
         metrics = judged(fleet.folder)
         assert metrics.completed
         if ended_ns - began_ns > HOLD_NS:
@@ -122,7 +122,7 @@ def test_missions_for_an_hour_leave_nothing_behind(fleet: Fleet) -> None:
         words = disturb(site, dice, list(site.arena.robots))
         times = fleet.finish(LONGEST_S)
         released, missions = released + times, missions + 1
-        settled([fleet.folder])
+        settled(fleet.folder)
         metrics = judged(fleet.folder)
         now = sizes(site)
         if missions == WARM or (missions > WARM and time.monotonic() - began < SETTLING * SECONDS):

@@ -4,13 +4,14 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from contract import network
 from contract.messages import Message, MotorBatch, MotorSample, RobotReport
 from groundstation import runfolder
+from groundstation.files import RECORDING
 from groundstation.fleet_operator import PATIENCE_S, Operator
 from groundstation.metrics import Metrics
 from groundstation.recording import Recording
@@ -86,13 +87,14 @@ def judged(folder: Path) -> Metrics:
     return metrics
 
 
-def settled(folders: Iterable[Path]) -> None:
-    """Until the recorder has written what is to be judged."""
-    for folder in folders:
-        size, deadline = -1, time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline and (now := (folder / "run.mcap").stat().st_size) != size:
-            size = now
-            time.sleep(1.2)
+def settled(folder: Path) -> None:
+    """Until the recorder has written all that has been said so far: that is its second commit from now."""
+    file, deadline = folder / RECORDING, time.monotonic() + PATIENCE_S
+    for _ in range(2):
+        size = file.stat().st_size
+        while file.stat().st_size == size:
+            assert time.monotonic() < deadline, f"nothing more is written into {file}"
+            time.sleep(0.05)
 
 
 def secrets_of(folder: Path) -> list[bytes]:
