@@ -221,12 +221,14 @@ def judged_by(row: Row, places: Sequence[Place], before: Place, times_ns: tuple[
 
     :param before: the last place before the fault.
     :param times_ns: when the fault began, when all of it was there, when it was repaired. While a network is being
-        frozen, one more place may still come through.
+        frozen, one more place may still come through, and some from the time after that once it is repaired.
     """
     since_ns, injected_ns, until_ns = times_ns
     if row.blind:
         first_ns = since_ns if row.resumes else injected_ns
-        seen = [place for place in places if first_ns <= place.stamp_ns][:1]
+        seen = [place for place in places if first_ns <= place.stamp_ns]
+        if row.resumes:
+            seen = seen[:1]
         return [before._replace(stamp_ns=since_ns, speed_mps=0.0), *seen] if seen else []
     end_ns = injected_ns if row.resumes else until_ns
     return [place for place in places if since_ns <= place.stamp_ns < end_ns]

@@ -287,7 +287,7 @@ def test_the_page_has_every_row_and_its_figures() -> None:
 @pytest.mark.parametrize(
     ("name", "kept"),
     [
-        ("radio: router and bridge frozen", [1.0, 9.0]),
+        ("radio: router and bridge frozen", [1.0, 1.3, 9.0]),
         ("radio: router killed", [1.0, 1.1]),
         ("process: hung", [1.1, 2.0, 8.0]),
         ("process: hung for 0.6 s", [1.1]),
@@ -297,12 +297,21 @@ def test_what_came_through_while_a_network_was_being_frozen_does_not_say_where_i
     name: str, kept: list[float]
 ) -> None:
     row = next(row for row in REAL_ROWS if row.name == name)
-    stamps_s = (0.9, 1.1, 2.0, 8.0, 9.0) if not row.blind else (0.9, 1.1, 9.0)
+    stamps_s = (0.9, 1.1, 2.0, 8.0, 9.0) if not row.blind else (0.9, 1.1, 1.3, 9.0)
     places = [Place(round(at_s * 1e9), at_s, 0.0, 0.5) for at_s in stamps_s]
     times_ns = (1_000_000_000, 1_200_000_000, 8_500_000_000)
     found = judged_by(row, places, Place(900_000_000, 0.9, 0.0, 0.5), times_ns)
     assert [place.stamp_ns * 1e-9 for place in found] == kept
     assert not row.blind or found[0].speed_mps == 0.0
+
+
+def test_a_place_kept_in_a_frozen_network_from_when_the_robot_still_moved_says_nothing_of_its_rest() -> None:
+    row = next(row for row in REAL_ROWS if row.name == "radio: router and bridge frozen")
+    places = [Place(1_210_000_000, 1.2, 0.0, 0.5), Place(4_000_000_000, 1.3, 0.0, 0.0)]
+    times_ns = (1_000_000_000, 1_200_000_000, 3_900_000_000)
+    found = judged_by(row, places, Place(900_000_000, 0.9, 0.0, 0.5), times_ns)
+    assert rest_s(found, times_ns[0], 0.01) == 0.21
+    assert rest_s(judged_by(row, places[:1], places[0], times_ns), times_ns[0], 0.01) is None
 
 
 class Holding:
