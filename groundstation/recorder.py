@@ -260,6 +260,7 @@ def record(reel: Reel, intake: Intake, going: Callable[[], bool]) -> None:
             continue
         commit_due = now + COMMIT_S
         tape.commit()
+        give_back()
         health = tape.health(intake.dropped, intake.now_ns())
         if now >= tell_due or health.level != level:
             tell_due = now + TELL_S
@@ -286,7 +287,6 @@ def run(args: argparse.Namespace) -> int:
     going = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: going.clear())
-    give_back()
     intake = Intake(arena)
     try:
         args.out.mkdir(parents=True, exist_ok=True)

@@ -17,13 +17,15 @@ import time
 from typing import Any
 
 from contract import network
-from contract.allocator import share_arenas
+from contract.allocator import give_back, share_arenas
 from contract.voice import say
 
 READY = "READY router"
 TAKEN_WAIT_S = 2.0
 """So long an address is waited for that the router of a bridge that was killed may not have left yet."""
 LOOK_S = 0.05
+GIVE_BACK_S = 5.0
+"""What it kept for clients that stood still is given back as often."""
 LEAVE_S = 0.5
 """The process has this long to take leave of its clients."""
 CLOSE_S = 1.0
@@ -127,8 +129,8 @@ def serve(endpoint: str) -> int:
         if select.select([0], [], [], LOOK_S)[0]:
             return 0
     _say(READY)
-    while os.read(0, 4096):
-        pass
+    while not select.select([0], [], [], GIVE_BACK_S)[0] or os.read(0, 4096):
+        give_back()
     signal.setitimer(signal.ITIMER_REAL, LEAVE_S)  # which kills it
     session.close()
     return 0
