@@ -2,16 +2,15 @@
 
     ./kit exec python bench/law_step.py [--robots N ...] [--seconds S] [--repeat R] [--json FILE] [--compiled]
 
-Missions in virtual time under field conditions, both profiles. Per number of robots and of neighbours in sight:
-median and 99th percentile in microseconds of ``act`` (velocity and plan), ``think`` (tasks and links), ``limit``
-(fence and separation), ``law`` (the three together), ``cut`` (the limit on what a robot cut off would do), ``step``
-(the agent from newest pose to wheel speeds) and ``announce`` (one state message). Of machine code (``--compiled``,
-after ``ahdc-groundstation compile``) only ``step`` can be told. Times of one machine and one run compare; others do
-not.
+Missions in virtual time under field conditions, both profiles, with the garbage collector set as robots set it. Per
+number of robots and of neighbours in sight: median and 99th percentile in microseconds of ``act`` (velocity and plan),
+``think`` (tasks and links), ``limit`` (fence and separation), ``law`` (the three together), ``cut`` (the limit on what
+a robot cut off would do), ``step`` (the agent from newest pose to wheel speeds) and ``announce`` (one state message).
+Of machine code (``--compiled``, after ``ahdc-groundstation compile``) only ``step`` can be told. Times of one machine
+and one run compare; others do not.
 """
 
 import argparse
-import gc
 import json
 import os
 import statistics
@@ -30,6 +29,7 @@ from groundstation.lockstep import World
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 from onboard.ahdc.controller import Controller
+from onboard.service import quiet
 
 ROBOTS = (2, 4, 6, 7, 10, 15, 20)
 TARGETS_A_ROBOT = 3
@@ -94,8 +94,7 @@ def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[T
     neighbours: list[int] = []
     if COMPILED:
         world.hops = Clocked(world, times["step"], neighbours)
-        gc.collect()
-        gc.freeze()
+        quiet()
         world.run()
         return times, neighbours
     act: Callable[..., Any] = Controller.act
@@ -114,8 +113,7 @@ def measure(robots: int, profile: Profile, seed: int, seconds: float) -> tuple[T
             timed(guards, "limit_cut", times["cut"]),
             timed(agents.Agent, "step", times["step"]),
         ):
-            gc.collect()
-            gc.freeze()
+            quiet()
             world.run()
     finally:
         Controller.act = act  # type: ignore[method-assign]
