@@ -155,6 +155,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     whole = stage.pieces(robots) == 1 and stage.pieces(name for name in robots if name != victim) == 1
     stage.forget()
     before = stage.places[victim][-1]
+    left_at = {victim: (before.x_m, before.y_m)} if row.action == "CUT" else {}
     since_ns = time.monotonic_ns()
     row.inject(stage, victim)
     injected_ns = time.monotonic_ns()
@@ -164,8 +165,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     while time.monotonic() < deadline:
         stage.turn()
         nearest_m = min(nearest_m, stage.nearest_m())
-        apart = stage.pieces(name for name in robots if name != victim) > 1 and stage.pieces(robots) > 1
-        split = split or (whole and apart)
+        split = split or (whole and stage.is_split(victim, left_at))
     if _goes_on(row):
         with contextlib.suppress(StageError):
             stage.until(lambda: stage.reports[victim].run == "running", "it goes on", HELD_S)

@@ -8,7 +8,7 @@ import math
 import resource
 import signal
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +27,9 @@ MOVING_MPS = 0.05
 TRIES = 8
 LATE_S = 0.3
 """What was decoded before a moment has been told of this much later."""
+
+
+NOWHERE: Mapping[str, tuple[float, float]] = {}
 
 
 class StageError(RuntimeError):
@@ -154,14 +157,23 @@ class Stage:
 
     # --- what was seen -------------------------------------------------------------------------------
 
-    def pieces(self, robots: Iterable[str]) -> int:
-        """Of the network, by the newest true places."""
-        points = [self.places[name][-1][1:3] for name in robots if self.places.get(name)]
+    def pieces(self, robots: Iterable[str], left_at: Mapping[str, tuple[float, float]] = NOWHERE) -> int:
+        """Of the network, by the newest true places.
+
+        :param left_at: places of robots that count instead of where they are.
+        """
+        points = [left_at.get(name) or self.places[name][-1][1:3] for name in robots if self.places.get(name)]
         return summary(points, self.arena.control.sensing_radius_m)[1]
 
     def nearest_m(self) -> float:
         points = [places[-1][1:3] for places in self.places.values() if places]
         return min((math.dist(a, b) for i, a in enumerate(points) for b in points[i + 1 :]), default=math.inf)
+
+    def is_split(self, victim: str, left_at: Mapping[str, tuple[float, float]]) -> bool:
+        """The others have come apart, even with the victim between them where it is, or at ``left_at``."""
+        robots = self.arena.robots
+        others = [name for name in robots if name != victim]
+        return all(self.pieces(*who) > 1 for who in ((others,), (robots,), (robots, left_at)))
 
     # --- faults --------------------------------------------------------------------------------------
 

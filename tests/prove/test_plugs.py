@@ -82,6 +82,7 @@ def test_a_pulled_plug_in_real_time(pull: int, stage: Stage) -> None:
     assert family is not None
     how = draw.choice([way for way in WAYS if way != "bus-off" or family.port_key == "channel"])
     whole = stage.pieces(name for name in robots if name != victim) == 1
+    left_at = {victim: stage.places[victim][-1][1:3]}
     stage.forget()
     since_ns = time.monotonic_ns()
     stage.spoil(*(f"{victim} {kind}" for kind in WAYS[how]))
@@ -90,7 +91,7 @@ def test_a_pulled_plug_in_real_time(pull: int, stage: Stage) -> None:
     while time.monotonic() < deadline:
         stage.turn()
         reasons.add(stage.reports[victim].reason)
-        split = split or (whole and stage.pieces(robots) > 1 and stage.pieces(r for r in robots if r != victim) > 1)
+        split = split or (whole and stage.is_split(victim, left_at))
     until_ns = time.monotonic_ns()
     stage.spoil()
     stage.watch(1.0)
