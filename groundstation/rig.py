@@ -17,6 +17,7 @@ from contract.arena import Arena, ArenaError, load, parse, table_of
 from contract.tables import Fault
 from drivers.defaults import DEFAULTS
 from drivers.registry import family_of, wheel_faults
+from groundstation.ports import free_ports
 from groundstation.processes import Child, Family
 
 ARENAS = Path(__file__).parent / "arenas"
@@ -73,7 +74,7 @@ def mock_arena(source: Path, out: Path, changes: Changes = AS_WRITTEN) -> Arena:
         table["targets"] |= {"count": changes.targets, "points": []}
     if changes.seed is not None:
         table["targets"] |= {"seed": changes.seed, "points": []}
-    tcp, command, data = free_ports()
+    tcp, command, data = free_ports(socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_DGRAM)
     table["link"] = {"router": f"tcp/127.0.0.1:{tcp}"}
     table["mocap"] |= {
         "source": "natnet",
@@ -115,20 +116,6 @@ def _on_pty(wheels: dict[str, Any], port: Path) -> dict[str, Any]:
     if family.port_key == "channel":
         wheels = {**wheels, "interface": "slcan"}
     return {**DEFAULTS.get(family.kind, {}), **wheels, family.port_key: str(port)}
-
-
-def free_ports() -> tuple[int, int, int]:
-    """A TCP port and two UDP ports of the loopback that are free now."""
-    kinds = (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_DGRAM)
-    sockets = [socket.socket(socket.AF_INET, kind) for kind in kinds]
-    try:
-        for entry in sockets:
-            entry.bind(("127.0.0.1", 0))
-        first, second, third = (int(entry.getsockname()[1]) for entry in sockets)
-    finally:
-        for entry in sockets:
-            entry.close()
-    return first, second, third
 
 
 def write_config(arena: Arena, path: Path) -> None:

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from groundstation.ports import free_ports
 from tests.house.checkout import ROOT
 
 FOLDER = ROOT / "docs" / "handbook"
@@ -48,12 +49,6 @@ def blocks(page: Path) -> list[Block]:
     return [Block(kind, re.sub(rf"^{indent}", "", text, flags=re.MULTILINE)) for indent, kind, text in found]
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as entry:
-        entry.bind(("127.0.0.1", 0))
-        return int(entry.getsockname()[1])
-
-
 class Reader:
     """Somebody in a clone, whose kit is built already.
 
@@ -62,11 +57,12 @@ class Reader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        tcp, command, data = free_ports(socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_DGRAM)
         self.usual = {
             "/tmp/lab": str(folder / "lab"),
-            "7447": str(free_port(socket.SOCK_STREAM)),
-            "1510": str(free_port(socket.SOCK_DGRAM)),
-            "1511": str(free_port(socket.SOCK_DGRAM)),
+            "7447": str(tcp),
+            "1510": str(command),
+            "1511": str(data),
         }
         self._background: list[subprocess.Popen[bytes]] = []
         (folder / "kit").write_text(KIT)

@@ -5,6 +5,7 @@ import gc
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import weakref
@@ -22,10 +23,11 @@ from contract.codec import decode, encode
 from contract.keys import Keys
 from contract.messages import LogEntry, RunStatus, TargetCloud
 from groundstation.files import RECORDING
+from groundstation.ports import free_ports
 from groundstation.recorder import COMMIT_S, Reel
 from groundstation.recording import Recording, RecordingError
 from groundstation.recover import recover
-from groundstation.rig import free_ports, write_config
+from groundstation.rig import write_config
 from tests.groundstation.runs import arena_of, until
 
 KEYS = Keys("made")
@@ -34,7 +36,7 @@ KEYS = Keys("made")
 @pytest.fixture
 def arena(tmp_path: Path) -> Arena:
     table = table_of(arena_of())
-    table["link"] = {"router": f"tcp/127.0.0.1:{free_ports()[0]}"}
+    table["link"] = {"router": f"tcp/127.0.0.1:{free_ports(socket.SOCK_STREAM)[0]}"}
     made = parse(table, "test")
     write_config(made, tmp_path / "config.toml")
     return made

@@ -4,6 +4,7 @@ import math
 import os
 import select
 import signal
+import socket
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,9 @@ from groundstation import current
 from groundstation.cli import main
 from groundstation.mock_arena import flip_bit, follow
 from groundstation.orders import Acknowledgement, describe, status_lines
+from groundstation.ports import free_ports
 from groundstation.processes import Family, kin
-from groundstation.rig import ARENAS, Changes, find_arena, free_ports, mock_arena, write_config
+from groundstation.rig import ARENAS, Changes, find_arena, mock_arena, write_config
 from groundstation.targets import cloud_of
 from mocap_bridge.natnet.wire import Malformed, MessageId, open_packet, packet
 
@@ -79,9 +81,14 @@ def test_an_unknown_name_lists_the_examples() -> None:
         find_arena("no-such")
 
 
-def test_free_ports_differ() -> None:
-    _, first, second = free_ports()
-    assert first != second
+def test_ports_are_free_different_and_none_that_a_system_gives_away_by_itself() -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as other:
+        taken = free_ports(socket.SOCK_DGRAM)[0]
+        other.bind(("127.0.0.1", taken))
+        found = [free_ports(*[socket.SOCK_DGRAM] * 3) for _ in range(200)]
+    assert all(len(set(ports)) == 3 and taken not in ports for ports in found)
+    low = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
+    assert all(1024 < port < low for ports in found for port in ports)
 
 
 def test_stop_names_who_did_not_confirm() -> None:

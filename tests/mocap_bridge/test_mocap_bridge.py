@@ -19,6 +19,7 @@ from contract.arena import Arena
 from contract.codec import decode
 from contract.keys import Keys
 from contract.messages import LogEntry, MocapFrame, MocapHealth
+from groundstation.ports import free_ports
 from mocap_bridge.bridge import Bridge
 from mocap_bridge.mock.bodies import settings_of
 from mocap_bridge.mock.script import parse
@@ -31,17 +32,10 @@ from tests.mocap_bridge.lockstep import arena, circling
 LIMIT_S = 15.0
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
-
-
 def on_free_ports(site: Arena) -> Arena:
-    mocap = msgspec.structs.replace(
-        site.mocap, command_port=free_port(socket.SOCK_DGRAM), data_port=free_port(socket.SOCK_DGRAM)
-    )
-    link = msgspec.structs.replace(site.link, router=f"tcp/127.0.0.1:{free_port(socket.SOCK_STREAM)}")
+    command, data, tcp = free_ports(socket.SOCK_DGRAM, socket.SOCK_DGRAM, socket.SOCK_STREAM)
+    mocap = msgspec.structs.replace(site.mocap, command_port=command, data_port=data)
+    link = msgspec.structs.replace(site.link, router=f"tcp/127.0.0.1:{tcp}")
     return msgspec.structs.replace(site, mocap=mocap, link=link)
 
 

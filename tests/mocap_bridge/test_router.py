@@ -17,10 +17,11 @@ import zenoh
 
 from contract.codec import encode
 from contract.messages import ClockAsk
+from groundstation.ports import free_ports
 from mocap_bridge import router
 from mocap_bridge.router import READY, Router, RouterError
 from tests.mocap_bridge.lockstep import arena
-from tests.mocap_bridge.test_mocap_bridge import Loop, arena_file, free_port, on_free_ports
+from tests.mocap_bridge.test_mocap_bridge import Loop, arena_file, on_free_ports
 
 LIMIT_S = 15.0
 TAKEN = os.strerror(errno.EADDRINUSE)
@@ -43,7 +44,7 @@ def taken(port: int) -> Iterator[None]:
 
 @pytest.fixture
 def port() -> int:
-    return free_port(socket.SOCK_STREAM)
+    return free_ports(socket.SOCK_STREAM)[0]
 
 
 @pytest.fixture

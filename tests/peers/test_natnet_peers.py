@@ -15,6 +15,7 @@ from contextlib import contextmanager
 import pytest
 
 from contract.arena import Mocap
+from groundstation.ports import free_ports
 from mocap_bridge.mock.bodies import BodyState, ServerSettings
 from mocap_bridge.mock.server import EmulatedServer
 from mocap_bridge.mock.udp import ServerShell
@@ -24,20 +25,10 @@ GROUP = "239.255.42.99"
 VERSIONS = ["2.9", "3.0", "3.1", "4.0", "4.1", "4.2"]
 
 
-def free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for sock in sockets:
-        sock.bind(("127.0.0.1", 0))
-    ports = [sock.getsockname()[1] for sock in sockets]
-    for sock in sockets:
-        sock.close()
-    return ports
-
-
 @contextmanager
 def serving(version: str, group: str = "", up_axis: str = "z") -> Iterator[Mocap]:
     """An emulated server at 100 Hz on free ports, in a thread."""
-    command, data = free_ports(2)
+    command, data = free_ports(socket.SOCK_DGRAM, socket.SOCK_DGRAM)
     mocap = Mocap(
         version=version,
         multicast_group=group,

@@ -22,6 +22,7 @@ from groundstation import certificates, keys, rig
 from groundstation.access import MOST_HZ, STATE_BYTES
 from groundstation.certificates import Pair
 from groundstation.keyring import Keyring
+from groundstation.ports import free_ports
 from groundstation.processes import Child, Family
 from tests.house.checkout import ROOT
 
@@ -33,14 +34,6 @@ PATIENCE_S = 30.0
 REMOTE = zenoh.Locality.REMOTE
 
 
-def free_port() -> int:
-    """Free for TCP and UDP."""
-    with socket.socket() as first, socket.socket(type=socket.SOCK_DGRAM) as second:
-        first.bind(("127.0.0.1", 0))
-        second.bind(("127.0.0.1", first.getsockname()[1]))
-        return int(first.getsockname()[1])
-
-
 class Site:
     """A secured site on the loopback: its router, a witness that hears everything, robots r06 and r08."""
 
@@ -48,7 +41,7 @@ class Site:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.port, self.fake_port = free_port(), free_port()
+        self.port, self.fake_port = free_ports(socket.SOCK_DGRAM, socket.SOCK_DGRAM)
         text = rig.find_arena("bench2").read_text()
         endpoints = [f"quic/127.0.0.1:{self.port}", f"tls/127.0.0.1:{self.port}"]
         link = f'router = "{endpoints[0]}"\nlisten = {json.dumps(endpoints)}\nkeys = "keys"'
