@@ -87,6 +87,7 @@ SHELLS = (
     "groundstation/page_live.py",
     "groundstation/page_server.py",
     "groundstation/page_web.py",
+    "groundstation/ports.py",
     "groundstation/processes.py",
     "groundstation/provenance.py",
     "groundstation/radio.py",
