@@ -152,7 +152,7 @@ def play(stage: Stage, row: Row, seed: int) -> Outcome:
     fit = [name for name in robots if row.family in ("", robots[name].wheels["kind"])]
     victim, at_s = victim_of(stage, fit, draw)
     speed_mps = stage.places[victim][-1].speed_mps
-    whole = stage.pieces(robots) == 1 and stage.pieces(name for name in robots if name != victim) == 1
+    whole = stage.pieces(robots) == 1 and stage.is_whole(victim)
     stage.forget()
     before = stage.places[victim][-1]
     left_at = {victim: (before.x_m, before.y_m)} if row.action == "CUT" else {}

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from contract.messages import Message, MotorBatch, MotorSample, RobotReport, StopRequest
 from groundstation.conduct import Conductor, new_session
-from groundstation.connectivity import summary
+from groundstation.connectivity import components, mutual, summary
 from groundstation.course import ENDED, Plan
 from groundstation.link import Link
 from groundstation.mock_arena import CARRIED, FAULTS_FILE
@@ -168,6 +168,16 @@ class Stage:
     def nearest_m(self) -> float:
         points = [places[-1][1:3] for places in self.places.values() if places]
         return min((math.dist(a, b) for i, a in enumerate(points) for b in points[i + 1 :]), default=math.inf)
+
+    def is_whole(self, victim: str) -> bool:
+        """The others are one piece without the victim, by links among themselves that both ends report and vouch for.
+
+        Robots that are near each other, but linked by the victim alone, may part where it rolls on.
+        """
+        others = [name for name in self.arena.robots if name != victim]
+        told = [self.reports[name].links_on if name in self.reports else () for name in others]
+        links = mutual([[others.index(name) for name in names if name in others] for names in told])
+        return len(components(len(others), links)) == 1 == self.pieces(others)
 
     def is_split(self, victim: str, left_at: Mapping[str, tuple[float, float]]) -> bool:
         """The others have come apart, even with the victim between them where it is, or at ``left_at``."""

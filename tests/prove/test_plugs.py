@@ -81,7 +81,7 @@ def test_a_pulled_plug_in_real_time(pull: int, stage: Stage) -> None:
     family = family_of(robots[victim].wheels["kind"])
     assert family is not None
     how = draw.choice([way for way in WAYS if way != "bus-off" or family.port_key == "channel"])
-    whole = stage.pieces(name for name in robots if name != victim) == 1
+    whole = stage.is_whole(victim)
     left_at = {victim: stage.places[victim][-1][1:3]}
     stage.forget()
     since_ns = time.monotonic_ns()
