@@ -1,7 +1,7 @@
 """What a robot tells its station of itself: reports, steps, wheel feedback and log entries. Pure."""
 
 import re
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from contract.arena import Arena, digest
 from contract.keys import Keys
@@ -23,8 +23,8 @@ from onboard.pacing import Pacing
 from onboard.safety import Supervisor, Verdict
 from onboard.sensing import Sensing
 
-REPORT_PERIOD_NS = 100_000_000
-MAX_BATCH = 64
+REPORT_PERIOD_NS: Final = 100_000_000
+MAX_BATCH: Final = 64
 NUMBER = re.compile(r"(?<!\w)\d[\d.]*")
 """Not that in a robot's name."""
 

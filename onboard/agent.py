@@ -4,7 +4,7 @@ Three feeders drive the same object: the runtime (real clock), ``simulate`` (loc
 """
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from contract.arena import Arena
 from contract.keys import Keys
@@ -39,7 +39,7 @@ from onboard.safety import Supervisor, Verdict
 from onboard.sensing import Sensing
 from onboard.vitals import Vitals
 
-MAX_RIM_MPS = 20.0
+MAX_RIM_MPS: Final = 20.0
 """A measured rim speed above this, or one that is not a number, is a fault of the telemetry."""
 
 __all__ = ["Agent", "Drive"]
@@ -199,7 +199,8 @@ class Agent:
         may_move = verdict.may_move and self.robot not in self.supervisor.excluded
         targets = self.sensing.targets(own[0])
         left_places = self.sensing.left(now_ns, self.supervisor.excluded)
-        view = View(now_ns * 1e-9, motion, sighted, heard, targets, self._start_direction, may_move, left_places)
+        now_s, start = now_ns * 1e-9, self._start_direction
+        view = record(View, (now_s, motion, sighted, heard, targets, start, may_move, left_places))
         self._follow_orders(now_ns)
         if self.controller.paper is not None and not self._going_home:
             self.controller.think(view)

@@ -4,7 +4,9 @@ A robot whose wheels are silent may have been cut off: then they do what they we
 Neighbours keep clear of what a robot tells them, so it tells the command that its wheels answered last.
 """
 
-DOUBT_NS = 50_000_000
+from typing import Final
+
+DOUBT_NS: Final = 50_000_000
 """Wheels silent for longer may hear nothing either."""
 
 Rims = tuple[float, float]

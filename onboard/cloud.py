@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from contract.messages import Target
 
-CELL_M = 1.0
+CELL_M: Final = 1.0
 
 Placed = tuple[int, tuple[float, float]]
 """Index, and where it is, m."""

@@ -6,20 +6,20 @@ speeds up is given the strongest drive, one that slows down the weakest brake.
 """
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from contract.arena import Arena
 from contract.margins import SLACK_S, contact_m
 from onboard.hulls import Way
 from onboard.limits import Bounds, bounds_of, respond, stop_m
 
-CHORD_RAD = 0.6
+CHORD_RAD: Final = 0.6
 """A chord spans no more of an arc, but where that would take more than ``MOST_CHORDS``."""
-MOST_CHORDS = 4
-SAME_MPS = 0.04
+MOST_CHORDS: Final = 4
+SAME_MPS: Final = 0.04
 """Rim speeds nearer to what is asked of them than that get there alike with any drive."""
-STILL_MPS = 0.05
-GENTLE_MPS = 0.15
+STILL_MPS: Final = 0.05
+GENTLE_MPS: Final = 0.15
 """A command with less difference of the rims, before and after, is one arc while it stands."""
 
 Course = tuple[float, float, float, float, float]
@@ -67,11 +67,16 @@ def cut_way(course: Course, left_mps: float, right_mps: float, standing_s: float
     """That command stands for a time, then both wheels coast to rest: by the weakest drive, then by the strongest."""
     x, y, _, left, right = course
     (_, _, separation_m, (weak, strong), (quick, slow), _), _, coast_mps2, _, _ = bounds
-    add = _cut_gently if abs(right - left) + abs(right_mps - left_mps) < GENTLE_MPS else _cut
+    fresh = abs(left_mps - left) + abs(right_mps - right) > SAME_MPS and standing_s > 0.0
     way = [(x, y)]
-    add(way, course, left_mps, right_mps, standing_s, weak, slow, coast_mps2, separation_m)
-    if abs(left_mps - left) + abs(right_mps - right) > SAME_MPS and standing_s > 0.0:
-        add(way, course, left_mps, right_mps, standing_s, strong, quick, coast_mps2, separation_m)
+    if abs(right - left) + abs(right_mps - left_mps) < GENTLE_MPS:
+        _cut_gently(way, course, left_mps, right_mps, standing_s, weak, slow, coast_mps2, separation_m)
+        if fresh:
+            _cut_gently(way, course, left_mps, right_mps, standing_s, strong, quick, coast_mps2, separation_m)
+    else:
+        _cut(way, course, left_mps, right_mps, standing_s, weak, slow, coast_mps2, separation_m)
+        if fresh:
+            _cut(way, course, left_mps, right_mps, standing_s, strong, quick, coast_mps2, separation_m)
     return way
 
 

@@ -13,8 +13,9 @@ Ways farther apart than that by ``WIDE_M`` are no concern: no braking way grows 
 """
 
 import math
-from collections.abc import Sequence
+from typing import Final
 
+from onboard.ahdc.parameters import record
 from onboard.courses import Course, CutBounds, brake_way, cut_bounds, cut_way
 from onboard.foresight import foresee
 from onboard.hulls import Way, least, nearest
@@ -22,12 +23,12 @@ from onboard.limits import REST_MPS, Limited, Neighbour
 
 __all__ = ["CutBounds", "cut_bounds", "limit_cut"]
 
-TRIES = 4
+TRIES: Final = 4
 """Shares of a command that are looked at, between none and all."""
-WIDE_M = 0.1
-PIVOT_M = 0.06
+WIDE_M: Final = 0.1
+PIVOT_M: Final = 0.06
 """At the end of its way a robot may turn about one wheel by as much."""
-ROUNDING_M = 1e-9
+ROUNDING_M: Final = 1e-9
 
 Line = tuple[float, float, float, str]
 """Direction x and y away from what is there, how far along it a way must begin, m, and what is there."""
@@ -39,7 +40,7 @@ def limit_cut(
     pose: tuple[float, float, float],
     wheels_mps: tuple[float, float],
     asked_mps: tuple[float, float],
-    others: Sequence[Neighbour],
+    others: list[Neighbour],
     bounds: CutBounds,
 ) -> Limited:
     """The largest share of a velocity, curve kept, with which a robot reaches nobody and no edge, whoever is cut off.
@@ -49,17 +50,17 @@ def limit_cut(
     :param asked_mps: rim speeds commanded so far.
     """
     if v_mps == 0.0:
-        return Limited(v_mps, omega_radps, "")
+        return record(Limited, (v_mps, omega_radps, ""))
     half_m = bounds.brake.separation_m / 2 * omega_radps
     ways = _Ways((*pose, *wheels_mps), (v_mps - half_m, v_mps + half_m), bounds)
     if not ways.find_lines(asked_mps, others):
-        return Limited(v_mps, omega_radps, "")
+        return record(Limited, (v_mps, omega_radps, ""))
     whole_m, by = ways.room(1.0)
     if whole_m >= 0.0:
-        return Limited(v_mps, omega_radps, "")
+        return record(Limited, (v_mps, omega_radps, ""))
     share = _share(ways, whole_m)
     moving = max(abs(wheels_mps[0]), abs(wheels_mps[1])) > REST_MPS
-    return Limited(share * v_mps, omega_radps * share if share > 0.0 or moving else omega_radps, by)
+    return record(Limited, (share * v_mps, omega_radps * share if share > 0.0 or moving else omega_radps, by))
 
 
 def _share(ways: "_Ways", whole_m: float) -> float:
@@ -98,7 +99,7 @@ class _Ways:
         brake = self._bounds.brake
         return brake_way(self._course, left_mps, right_mps, brake.reaction_s, brake)
 
-    def find_lines(self, asked_mps: tuple[float, float], others: Sequence[Neighbour]) -> bool:
+    def find_lines(self, asked_mps: tuple[float, float], others: list[Neighbour]) -> bool:
         """Whether there are any."""
         bounds = self._bounds
         cut, stop = self._cut, self._stop

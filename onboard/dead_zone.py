@@ -4,13 +4,15 @@ Below some speed no motor turns its wheel: a VESC applies no current under ``s_p
 nought, a gearbox sticks. Who wants to arrive somewhere must not command less, nor wish to be more exact than that.
 """
 
-STANDS_S = 0.4
+from typing import Final
+
+STANDS_S: Final = 0.4
 """So long wheels may stand while commanded before the command counts as too slow: several motor lags."""
-TURNING_SHARE = 0.25
+TURNING_SHARE: Final = 0.25
 """Wheels turn that reach this share of the command."""
-GROWTH = 1.4
+GROWTH: Final = 1.4
 """The next command to try, as a multiple of the one that turned nothing."""
-ROLL_S = 0.2
+ROLL_S: Final = 0.2
 """A robot rolls on for about this long: a pose's age and a motor's lag."""
 
 

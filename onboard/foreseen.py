@@ -7,19 +7,20 @@ was told to take; one that has never spoken, to go straight on.
 """
 
 import math
+from typing import Final
 
 from onboard.courses import CutBounds, brake_way, cut_way
 from onboard.hulls import Way
 from onboard.limits import Neighbour, Place, Told, stop_m
 
-MAX_AGE_S = 0.5
-AGED_MPS = 0.1
+MAX_AGE_S: Final = 0.5
+AGED_MPS: Final = 0.1
 """Ways stay farther apart by this for each second since the other robot was heard: it has chosen anew."""
-AGE_STEP_S = 0.03
+AGE_STEP_S: Final = 0.03
 """Ages of messages are rounded up to this, so that what is worked out of one serves for some steps."""
-ALIKE_MPS = 0.03
+ALIKE_MPS: Final = 0.03
 """Turns of which the rims' difference differs by less are one."""
-STILL_MPS = 0.005
+STILL_MPS: Final = 0.005
 """A robot no faster than this is where it is."""
 
 Rims = tuple[float, float, float, float]
@@ -50,18 +51,26 @@ class Foreseen:
         self._reaction_s = reaction_s = brake.reaction_s + age_s
         self.apart_m = bounds.contact_m + AGED_MPS * age_s
         """Its ways and those of others stay so far apart."""
-        self._fastest_mps = fastest = max(max(map(max, turns)), -min(map(min, turns)))
+        fastest = most_mps = rolls_mps = 0.0
+        forward = backward = True
+        for left, right, left_to, right_to in turns:
+            measured, asked = max(abs(left), abs(right)), max(abs(left_to), abs(right_to))
+            fastest = max(fastest, max(measured, asked))
+            most_mps = max(most_mps, max(abs(right - left), abs(right_to - left_to)))
+            roll, roll_to = left + right, left_to + right_to
+            rolls_mps = rolls_mps + roll + roll_to
+            forward = forward and roll >= 0.0 and roll_to >= 0.0
+            backward = backward and roll <= 0.0 and roll_to <= 0.0
+        self._fastest_mps = fastest
         self.stop_m = fastest * reaction_s + stop_m(fastest, brake.deceleration_mps2[0], brake.lag_s[1])
         """It gets no farther braking."""
         self.cut_m = fastest * standing_s + bounds.coast_m(fastest)
         """It gets no farther cut off."""
-        rolls = [roll for left, right, left_to, right_to in turns for roll in (left + right, left_to + right_to)]
-        self._facing_rad = 0.0 if sum(rolls) >= 0.0 else math.pi
+        self._facing_rad = 0.0 if rolls_mps >= 0.0 else math.pi
         """From its heading to where it rolls."""
         lasting_s = standing_s + fastest / bounds.coast_mps2
-        most_mps = max(max(abs(right - left), abs(right_to - left_to)) for left, right, left_to, right_to in turns)
         turn_rad = most_mps * lasting_s / brake.separation_m
-        self._turn_rad = turn_rad if min(rolls) >= 0.0 or max(rolls) <= 0.0 else math.inf
+        self._turn_rad = turn_rad if forward or backward else math.inf
         """It turns no farther, to either side."""
         self._braking: Way = []
         self._coming: Way = []

@@ -11,7 +11,7 @@ are too near to each other to pass between, the station tells robots to wait asi
 
 import math
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import Final, NamedTuple
 from zlib import crc32
 
 from onboard.ahdc.parameters import Parameters, Vector
@@ -21,30 +21,30 @@ from onboard.dead_zone import ROLL_S, DeadZone
 from onboard.limits import Bounds
 from onboard.unicycle import fold, rims, steer
 
-ARRIVED_M = 0.02
-LEFT_M = 0.06
+ARRIVED_M: Final = 0.02
+LEFT_M: Final = 0.06
 """Farther from home than this, an arrived robot goes back."""
-FACING_RAD = 0.1
-RESTING_MPS = 0.02
-SPEED_SHARE = 0.6
+FACING_RAD: Final = 0.1
+RESTING_MPS: Final = 0.02
+SPEED_SHARE: Final = 0.6
 """Of u_max: nobody is in a hurry to go home."""
-FREE_M = 0.25
+FREE_M: Final = 0.25
 """A direction is free that meets no disc for this long, or up to home."""
-SPARE_M = 0.03
+SPARE_M: Final = 0.03
 """Added to the least distance the supervisor allows: the disc of a robot at rest."""
-MOVING_M = 0.06
+MOVING_M: Final = 0.06
 """Added to the disc of a robot that moves."""
 BENDS_RAD = tuple(side * math.radians(angle) for angle in range(0, 180, 12) for side in (-1, 1))[1:]
 """Candidate directions, off the way home; of each pair the right-hand one first."""
-REACH_M = 0.6
+REACH_M: Final = 0.6
 """Others farther away than this are in nobody's way."""
-TURNING_BACK_RAD = 0.4
+TURNING_BACK_RAD: Final = 0.4
 """What it costs to change the side on which the others are passed."""
-PROGRESS_M = 0.03
-PATIENCE_S = 2.5
+PROGRESS_M: Final = 0.03
+PATIENCE_S: Final = 2.5
 DETOUR_S = (0.8, 1.7, 2.6)
-TURN_GAIN_PER_S = 3.0
-SPIN_RADPS = 2.0
+TURN_GAIN_PER_S: Final = 3.0
+SPIN_RADPS: Final = 2.0
 
 
 class Home(NamedTuple):

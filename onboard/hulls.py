@@ -1,19 +1,19 @@
 """The line that keeps two ways apart: between the hulls of their points. Pure."""
 
 import math
-from collections.abc import Sequence
+from typing import Final
 
-ROUNDS = 10
+ROUNDS: Final = 10
 """Of the search for the nearest points of two hulls; three or four are usual."""
-TOLERANCE = 2e-3
-MEETING_M2 = 1e-8
+TOLERANCE: Final = 2e-3
+MEETING_M2: Final = 1e-8
 
 Point = tuple[float, float]
 """x m, y m, arena frame."""
 Way = list[Point]
 
 
-def least(way: Sequence[Point], away_x: float, away_y: float) -> float:
+def least(way: Way, away_x: float, away_y: float) -> float:
     """How far along that direction the rearmost point of a way is, m."""
     found = math.inf
     for x, y in way:

@@ -12,14 +12,14 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard import switches
 from onboard.computer import said
 from onboard.service import lock_memory, quiet
 
-PERIOD_NS = 10_000_000
-BATCH = 300
+PERIOD_NS: Final = 10_000_000
+BATCH: Final = 300
 """Objects a step makes and drops, as decoding a frame and planning do."""
 
 

@@ -13,17 +13,17 @@ before it or the first after, whichever is faster.
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from contract.arena import Safety
 from contract.messages import BodyPose
 from onboard.ahdc.parameters import record
 
-ROLL_FACTOR = 1.25
-MARGIN_SHARE = 0.5
-GAP_NS = 100_000_000
+ROLL_FACTOR: Final = 1.25
+MARGIN_SHARE: Final = 0.5
+GAP_NS: Final = 100_000_000
 """Poses farther apart are compared although the bridge has nothing against either."""
-MOST_ENTRIES = 64
+MOST_ENTRIES: Final = 64
 
 
 class Rolled(NamedTuple):

@@ -18,15 +18,15 @@ A limit shrinks the velocity, never reverses or enlarges it; motion away passes;
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from contract.arena import Arena
+from onboard.ahdc.parameters import record
 
-REST_MPS = 0.02
-REACTION_S = 0.04
+REST_MPS: Final = 0.02
+REACTION_S: Final = 0.04
 """From one command to the next that can correct it: a control period, a lost frame, the bus."""
-MAX_AGE_S = 0.5
+MAX_AGE_S: Final = 0.5
 """Older neighbours are taken to have come to rest within what this age allows."""
 
 
@@ -155,7 +155,7 @@ def limit(
     omega_radps: float,
     pose: tuple[float, float, float],
     wheels_mps: tuple[float, float],
-    neighbours: Sequence[Neighbour],
+    neighbours: list[Neighbour],
     bounds: Bounds,
 ) -> Limited:
     """The nearest velocity on the same curve that the fence and the neighbours allow.
@@ -168,7 +168,7 @@ def limit(
     if not math.isfinite(v_mps + omega_radps + x + y + heading + left + right):
         return Limited(0.0, 0.0, "not finite")
     if v_mps == 0.0:
-        return Limited(0.0, omega_radps, "")
+        return record(Limited, (0.0, omega_radps, ""))
     turning = bounds.separation_m / 2 * omega_radps
     if v_mps > 0:
         rims = (
@@ -190,7 +190,7 @@ def limit(
     if x - low_x < most_m or y - low_y < most_m or high_x - x < most_m or high_y - y < most_m:
         near = _walls(x, y, bounds.fence, most_m) + near
     if not near:
-        return Limited(v_mps, omega_radps, "")
+        return record(Limited, (v_mps, omega_radps, ""))
     arc = _Arc(rims, most_m, heading if v_mps > 0 else heading + math.pi, (right - left, omega_radps), bounds)
     allowed, by, least_m = 1.0, "", math.inf
     for away_x, away_y, gap, theirs, name in near:
@@ -205,11 +205,11 @@ def limit(
             if fraction < allowed:
                 allowed, by = fraction, name
     if not by:
-        return Limited(v_mps, omega_radps, "")
+        return record(Limited, (v_mps, omega_radps, ""))
     speed = allowed * abs(v_mps)
     moving = max(abs(left), abs(right)) > REST_MPS
     omega = omega_radps * allowed if speed > 0.0 or moving else omega_radps
-    return Limited(math.copysign(1.0, v_mps) * speed, omega, by)
+    return record(Limited, (math.copysign(1.0, v_mps) * speed, omega, by))
 
 
 Rims = tuple[float, float, float, float]
@@ -294,7 +294,7 @@ def _walls(x: float, y: float, fence: tuple[float, float, float, float], most_m:
 def _robots(
     x: float,
     y: float,
-    neighbours: Sequence[Neighbour],
+    neighbours: list[Neighbour],
     bounds: Bounds,
     most_m: float,
 ) -> list[Obstacle]:

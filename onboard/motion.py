@@ -20,7 +20,7 @@ slower than the slowest calibrated one would have rolled under these commands: s
 
 import math
 from collections import deque
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from contract.arena import Safety
 from contract.messages import BodyPose
@@ -28,16 +28,16 @@ from onboard.ahdc.parameters import record
 from onboard.expected import Expected, Plant
 from onboard.odometry import Pose
 
-SAMPLE_NS = 40_000_000
+SAMPLE_NS: Final = 40_000_000
 """Poses are compared at this distance: nearer ones differ mostly by noise."""
-REACH_NS = 60_000_000
+REACH_NS: Final = 60_000_000
 """The last feedback is carried on this far, not farther."""
-STILL_SHARE = 0.25
+STILL_SHARE: Final = 0.25
 """Of ``motion_way_m`` or ``motion_turn_rad``: below it wheels, or a body, stand."""
-GAP_NS = 150_000_000
+GAP_NS: Final = 150_000_000
 """What wheels did between two feedbacks farther apart than this, nobody knows: this process or the wire stood still."""
-CARRIED_FACTOR = 1.5
-PIVOT_M = 0.03
+CARRIED_FACTOR: Final = 1.5
+PIVOT_M: Final = 0.03
 """A body's origin may be this far from the middle of the axle: turning then moves it across."""
 
 Kind = Literal[

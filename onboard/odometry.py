@@ -5,19 +5,19 @@ Wheels that have not been heard of for a while may do anything: what the body do
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.ahdc.parameters import record
 
-BASE_NS = 100_000_000
+BASE_NS: Final = 100_000_000
 """Over this long, at least, a body's motion is counted; over less most of it is noise."""
-NEVER_NS = -(1 << 62)
-STALE_NS = 400_000_000
+NEVER_NS: Final = -(1 << 62)
+STALE_NS: Final = 400_000_000
 """Over more it says nothing of now."""
-STANDS_MPS = 0.05
-STANDS_RADPS = 0.3
+STANDS_MPS: Final = 0.05
+STANDS_RADPS: Final = 0.3
 """A body slower than both stands, as far as its poses tell."""
-MOST_MPS = 3.0
+MOST_MPS: Final = 3.0
 """No body is faster: it has jumped."""
 
 

@@ -1,10 +1,11 @@
 """Which frames to step on, and how well that went: a step on every k-th frame number. Pure."""
 
 from collections import deque
+from typing import Final
 
 from contract.messages import LoopTiming
 
-WINDOW = 240
+WINDOW: Final = 240
 """Intervals kept for rate and jitter: two seconds at 120 Hz."""
 
 

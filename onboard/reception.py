@@ -1,12 +1,14 @@
 """What reaches a robot: which frames, states and target clouds are news, and why the others are refused. Pure."""
 
+from typing import Final
+
 from contract.arena import Arena
 from contract.messages import MocapFrame, NeighbourState, TargetCloud
 
-STALL_NS = 50_000_000
+STALL_NS: Final = 50_000_000
 """Repeated or overtaken frames are no fault while new ones come in between."""
-DUPLICATE_WINDOW_NS = 2_000_000_000
-STATE_AGE_NS = 2_000_000_000
+DUPLICATE_WINDOW_NS: Final = 2_000_000_000
+STATE_AGE_NS: Final = 2_000_000_000
 """What a neighbour said longer ago is refused like a lost message, whoever held it back."""
 
 

@@ -8,6 +8,7 @@ farther away than r_c are not heard (the virtual radio), targets within r_c are 
 import math
 from collections.abc import Collection, Container, Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from msgspec.structs import replace
 
@@ -18,16 +19,16 @@ from onboard.cloud import Cloud, cells_of
 from onboard.jump import GAP_NS, ROLL_FACTOR
 from onboard.odometry import Pose
 
-VELOCITY_BASE_NS = 40_000_000
+VELOCITY_BASE_NS: Final = 40_000_000
 """Velocities are differences over at least this long: shorter ones are mostly noise."""
-FORGET_NS = 3_000_000_000
+FORGET_NS: Final = 3_000_000_000
 """A robot not seen for this long is no longer where it was."""
-STUCK_NS = 300_000_000
+STUCK_NS: Final = 300_000_000
 """The bridge finds tracking out that is stuck within this."""
-NEAR_M = 0.2
+NEAR_M: Final = 0.2
 """A robot that has moved farther than this in x or y looks through the whole cloud for targets again."""
 NOWHERE = (math.inf, math.inf)
-MOST_LEFT = 4
+MOST_LEFT: Final = 4
 """Places of one robot that has jumped."""
 
 

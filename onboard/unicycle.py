@@ -4,10 +4,11 @@ Eq. 1 asks for a single integrator; the body realises it along its heading and t
 """
 
 import math
+from typing import Final
 
-TURN_GAIN_PER_S = 6.0
+TURN_GAIN_PER_S: Final = 6.0
 """Turn rate per radian of heading error: what every calibrated motor follows."""
-FAST_TURN_GAIN_PER_S = 9.0
+FAST_TURN_GAIN_PER_S: Final = 9.0
 """The most, for motors that follow at once."""
 
 

@@ -16,11 +16,11 @@ where poses and motors are not asked for: so it is restarted once, never in a lo
 The robot's safety rests on none of this: zeros go out and the device watchdog lets go long before.
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from contract.messages import RunState
 
-PATIENCE_S = 10.0
+PATIENCE_S: Final = 10.0
 """A bridge that is started anew, or a body carried through a blind spot, is back before that."""
 MOTORS_ON: frozenset[RunState] = frozenset({"armed", "running", "holding"})
 

@@ -10,17 +10,18 @@ asks at once rather than turn away from it: two that pull the swarm apart would 
 import math
 from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
+from typing import Final
 
 import msgspec
 
 from contract.messages import Help
 from contract.units import metres
 
-PROGRESS_M = 0.02
-PATIENCE_S = 0.6
-OPEN_S = 3.0
-LIMIT_S = 15.0
-SKIP_S = 5.0
+PROGRESS_M: Final = 0.02
+PATIENCE_S: Final = 0.6
+OPEN_S: Final = 3.0
+LIMIT_S: Final = 15.0
+SKIP_S: Final = 5.0
 """A target given up after ``LIMIT_S`` is left alone this long."""
 
 

@@ -5,16 +5,17 @@ Each part is a vector of at most unit length; eq. 12's sum saturates at one and 
 
 import math
 from collections.abc import Iterable
+from typing import Final
 
 from onboard.ahdc.parameters import Vector
 
-SHARPNESS_PER_M = 30.0
+SHARPNESS_PER_M: Final = 30.0
 """zeta: how fast separation fades beyond r_a."""
-REAR_WEIGHT = 0.5
+REAR_WEIGHT: Final = 0.5
 """mu: weight of a robot straight behind, against 1 straight ahead."""
-FADED_M = 0.3
+FADED_M: Final = 0.3
 """Separation is naught farther than this beyond r_a."""
-SIDE_STEP = 0.3
+SIDE_STEP: Final = 0.3
 """Share of the separation that turns to the right-hand side, so that head-on robots pass."""
 
 

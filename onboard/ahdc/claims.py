@@ -7,7 +7,7 @@ message's number dates a claim: the newest word on each robot counts, and a clai
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -17,11 +17,11 @@ from onboard.ahdc.cotr import Claim
 from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Sighted
 
-CLAIM_HOPS = 4
+CLAIM_HOPS: Final = 4
 """Farther from its owner a claim is not passed on."""
-CLAIM_LIFE_S = 0.5
+CLAIM_LIFE_S: Final = 0.5
 """A claim not told anew for this long is forgotten."""
-CLAIMS_A_MESSAGE = 8
+CLAIMS_A_MESSAGE: Final = 8
 
 
 class Rumour(NamedTuple):

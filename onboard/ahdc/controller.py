@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Container, Iterable
-from typing import Literal
+from typing import Final, Literal
 
 from contract.messages import LinkMessage, NeighbourState, Target
 from contract.units import metres, radians
@@ -12,7 +12,7 @@ from onboard.ahdc.law import Law
 from onboard.ahdc.links import LEAVING, OFF, ON, Link
 from onboard.ahdc.memory import to_hex
 from onboard.ahdc.paper_law import PaperLaw
-from onboard.ahdc.parameters import Parameters, Vector
+from onboard.ahdc.parameters import Parameters, Vector, record
 from onboard.ahdc.plan import Motion, Planner
 from onboard.ahdc.stopping import stop_tables
 from onboard.ahdc.tasking import Tasking
@@ -20,11 +20,11 @@ from onboard.ahdc.view import Decision, Goal, View
 
 LinkWord = Literal["on", "doubt", "leaving"]
 
-MAIL_REPEATS = 2
+MAIL_REPEATS: Final = 2
 """Every link message rides on this many state messages: the radio loses some."""
-SIGHTINGS_A_MESSAGE = 6
+SIGHTINGS_A_MESSAGE: Final = 6
 """Shared sightings take turns, so that a state message stays small."""
-STILL_MPS = 0.01
+STILL_MPS: Final = 0.01
 
 
 class Controller:
@@ -141,7 +141,7 @@ class Controller:
         facing = tasking.claim_at() if tasking.task is Task.OCCUPIED and tasking.next_target is not None else None
         command = self.field.command(view, goal, facing)
         waits = "joining" if not self.field.joined else command.bound or reason
-        return Decision(command.left_mps, command.right_mps, waits)
+        return record(Decision, (command.left_mps, command.right_mps, waits))
 
     def hear_mail(self, sender: str, mail: tuple[LinkMessage, ...], now_s: float) -> None:
         """Link protocol messages of a neighbour's state message."""

@@ -12,7 +12,7 @@ Target choice, yielding and the indicator are pure functions of what one robot k
 import math
 from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.ahdc.parameters import Vector
 
@@ -55,14 +55,14 @@ class Claim(NamedTuple):
     distance_m: float
 
 
-TIE_M = 0.01
+TIE_M: Final = 0.01
 """Distances closer than this are equal; then the lower id keeps the target."""
-REACHABLE_SHARE = 0.9
+REACHABLE_SHARE: Final = 0.9
 """Edges of the swarm longer than this share of r_c' make a target costly."""
-STRETCH_COST = 2.0
-OTHERS_SHARE = 0.6
+STRETCH_COST: Final = 2.0
+OTHERS_SHARE: Final = 0.6
 """Weight of the way by which another robot will be nearer to a target."""
-OUTSIDE_SHARE = 0.5
+OUTSIDE_SHARE: Final = 0.5
 """Weight of a target's distance from the middle of all open ones: below 1, so that nobody passes one on the way out."""
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
 from onboard.ahdc.links import OFF, ON, Link, LinkTable
@@ -22,25 +22,25 @@ from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_distance_m, st
 from onboard.ahdc.view import Goal, Left, View
 from onboard.unicycle import TURN_GAIN_PER_S, turn_gain_per_s
 
-ADD_SHARE = 0.8
+ADD_SHARE: Final = 0.8
 """Links are offered up to this share of what is left of r_c' after half a robot's longest way to rest."""
-REMOVE_SHARE = 0.82
+REMOVE_SHARE: Final = 0.82
 """Removal is tried beyond this share of it, where a detour of shorter links exists: before the bound makes wait, which
 looks at where both come to rest, and while the messages of a removal are under way."""
-LISTEN_S = 0.3
+LISTEN_S: Final = 0.3
 """A robot that has just come hears everybody around within this time, ten state messages long."""
-CLOSING_TIME_S = 0.25
-MAX_AGE_S = 0.5
+CLOSING_TIME_S: Final = 0.25
+MAX_AGE_S: Final = 0.5
 """A stop point is not carried on for longer than this."""
-REMOVAL_PAUSE_S = 0.1
-ON_THE_SPOT_RADPS = 6.0
-INSIDE_M = 0.01
+REMOVAL_PAUSE_S: Final = 0.1
+ON_THE_SPOT_RADPS: Final = 6.0
+INSIDE_M: Final = 0.01
 """A robot brakes once it will come to rest this far within reach of its target."""
-REACTION_S = 0.25
+REACTION_S: Final = 0.25
 """A robot that is not seen, or not where it was, holds within this."""
-SAME_PLACE_M = 1e-4
+SAME_PLACE_M: Final = 1e-4
 """Stop points nearer to each other than this are one hypothesis."""
-FACED_RADPS = 0.1
+FACED_RADPS: Final = 0.1
 """A robot at rest that would turn slower than this faces its next target well enough."""
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
 
 from contract.messages import TransactionId
 
@@ -21,7 +22,9 @@ class Link(Enum):
     """Committed as coordinator: enforce until the far end has acknowledged."""
 
 
-ON, OFF, LEAVING = Link.ON, Link.OFF, Link.LEAVING
+ON: Final = Link.ON
+OFF: Final = Link.OFF
+LEAVING: Final = Link.LEAVING
 
 
 @dataclass(slots=True)

@@ -17,7 +17,7 @@ Pure: :meth:`LinkTable.hear` and :meth:`LinkTable.tick` take messages and time (
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from contract.messages import LinkMessage, TransactionId
 from onboard.ahdc.link_state import LEAVING, OFF, ON, Entry, Link, Removal
@@ -26,12 +26,12 @@ __all__ = ["LEAVING", "OFF", "ON", "Entry", "Link", "LinkTable", "Removal"]
 
 Repeated = Literal["add", "accept", "confirm", "commit", "inquire"]
 
-OFFER_REPEAT_S = 0.1
-COMMIT_REPEAT_S = 0.1
-INQUIRE_S = 0.3
-LOCK_TIMEOUT_S = 0.5
+OFFER_REPEAT_S: Final = 0.1
+COMMIT_REPEAT_S: Final = 0.1
+INQUIRE_S: Final = 0.3
+LOCK_TIMEOUT_S: Final = 0.5
 """Liveness only: a removal that is not answered in time is given up."""
-REMEMBERED = 512
+REMEMBERED: Final = 512
 """Closed transactions kept in mind (they are older than any message still under way)."""
 
 

@@ -11,8 +11,7 @@ braking worse); each is compared with the partner's stop point of the same end.
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.ahdc.behaviour import FADED_M
 from onboard.ahdc.parameters import Parameters, Vector, record
@@ -43,16 +42,16 @@ __all__ = [
     "way_clearance_m",
 ]
 
-TURNING_STOP_MPS = 0.005
+TURNING_STOP_MPS: Final = 0.005
 """Above this speed a fallback brakes straight: turning would cancel braking of one wheel."""
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of the wanted speed tried first; the interval of the first that passes is halved further."""
-REFINEMENTS = 2
-YIELD_RANGE_M = 0.6
+REFINEMENTS: Final = 2
+YIELD_RANGE_M: Final = 0.6
 """A velocity gives way to robots nearer than this."""
-LOOK_AHEAD_S = 0.12
+LOOK_AHEAD_S: Final = 0.12
 """T_p: how far ahead the wanted velocity must respect the link discs."""
-MOVE_SHARE = 10.0
+MOVE_SHARE: Final = 10.0
 """In one period a stop point moves by less than this many u_max T: farther discs cannot bind."""
 
 
@@ -104,7 +103,7 @@ class Planner:
             (x + short_forward * cosine - short_aside * sine, y + short_forward * sine + short_aside * cosine),
         )
 
-    def room(self, motion: Motion, partners: Sequence[Partner]) -> Room:
+    def room(self, motion: Motion, partners: list[Partner]) -> Room:
         """Discs of all enforced links for the long and the short model, and keep-outs of all robots.
 
         Keep-outs are circles of half the gap around every other robot's pose and stop points. Left out are those
@@ -168,7 +167,7 @@ class Planner:
             else:
                 good = middle
         left, right = self._rims(good * speed_mps, turn_rate_radps)
-        return Command(left, right, bound)
+        return record(Command, (left, right, bound))
 
     def _fallback(self, motion: Motion, turn_rate_radps: float, bound: str) -> Command:
         """Full braking; at rest it may still turn on the spot towards where it wants to go."""

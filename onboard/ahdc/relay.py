@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from contract.messages import NeighbourState
 from onboard.ahdc.parameters import Vector
 from onboard.ahdc.view import View
 
-HALVES = 20
+HALVES: Final = 20
 """Steps of the search for the middle; it ends within about a twentieth of the circle's radius."""
 
 

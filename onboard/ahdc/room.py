@@ -1,15 +1,15 @@
 """What the plan of a motion looks at: other robots, the discs shared with linked ones, and circles to keep out of."""
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.ahdc.parameters import Parameters, Vector, record
 
-RUN_AHEAD = 0.8
+RUN_AHEAD: Final = 0.8
 """Share of u_max by which an accelerating partner's stop point runs ahead per second of age, fitted."""
-CONTACT_M = 0.17
+CONTACT_M: Final = 0.17
 """Centre distance that separation plans for; collision is at one diameter, 0.14 m."""
-CREEP_SHARE = 0.1
+CREEP_SHARE: Final = 0.1
 """Outside a disc a plan must come nearer by this share of its way, or a robot creeps round the rim."""
 
 

@@ -10,16 +10,16 @@ is tabulated once (fine numerical integration) and interpolated.
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.ahdc.parameters import Parameters, Vector
 
-INTEGRATION_STEP_S = 0.002
-NODES = 49
+INTEGRATION_STEP_S: Final = 0.002
+NODES: Final = 49
 """Table nodes an axis; with linear interpolation the error stays below 0.3 mm up to u_max."""
-TABLE_RANGE = 1.15
+TABLE_RANGE: Final = 1.15
 """Rim speeds covered, in units of u_max: measured speed may overshoot."""
 
 

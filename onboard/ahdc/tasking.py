@@ -5,6 +5,7 @@ The ``field`` profile adds memory, choice by reachability, yielding, the hop gra
 """
 
 import math
+from typing import Final
 
 from contract.messages import Help, NeighbourState
 from onboard.ahdc.assist import SKIP_S, Assist
@@ -23,22 +24,22 @@ from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.relay import linked, relay_point
 from onboard.ahdc.view import Goal, View
 
-NO_HOPS = 1000
-STAND_OFF_M = 0.4
+NO_HOPS: Final = 1000
+STAND_OFF_M: Final = 0.4
 """A follower stops this far from the one it follows."""
-HELP_STAND_OFF_M = 0.6
+HELP_STAND_OFF_M: Final = 0.6
 IN_THE_WAY_M, ASIDE_M = 0.3, 0.35
 """A robot without a target keeps out of so much room around a target that another tracks, and goes that far away."""
-LOCKOUT_S = 0.5
+LOCKOUT_S: Final = 0.5
 """After yielding a target it is not chosen again for this long."""
-RETHINK_S = 0.1
+RETHINK_S: Final = 0.1
 """How often a robot without a target looks for one."""
-REACHED_SPEED_MPS = 0.05
-LEAD_M = 2.0
+REACHED_SPEED_MPS: Final = 0.05
+LEAD_M: Final = 2.0
 """A start direction is a goal this far ahead."""
-RELAY_STOP_M = 0.05
+RELAY_STOP_M: Final = 0.05
 """A relay is in its place this near to it."""
-TAUT_SHARE = 0.82
+TAUT_SHARE: Final = 0.82
 """A link longer than this share of r_c' may hold its robots back."""
 
 
