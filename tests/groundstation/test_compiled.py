@@ -114,7 +114,7 @@ def test_no_class_that_simulate_needs_inherits_from_a_compiled_one_and_is_none_i
         bases = {ast.unparse(base) for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for base in node.bases}
         if name not in chosen and bases & taken:
             found.append(name)
-    assert found == ["groundstation/membership.py"], "which tests alone use"
+    assert not found
 
 
 @pytest.mark.parametrize("missing", ["compiler", "package"])

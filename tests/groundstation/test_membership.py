@@ -3,11 +3,11 @@
 import pytest
 
 from contract.messages import StationHeartbeat
-from groundstation.membership import Befalls, Event, EventfulWorld
 from groundstation.result import Result
 from groundstation.sweep import Job, arena_for
 from groundstation.targets import scenario
 from onboard.ahdc.links import Link
+from tests.groundstation.eventful import Befalls, Event, EventfulWorld
 
 
 def world_of(*script: Event, robots: int = 4, seed: int = 3, limit_s: float = 6.0) -> EventfulWorld:

@@ -23,7 +23,6 @@ MAY_IMPORT_ROOMS = {
     "groundstation/faultrows.py": EVERY_ROOM,
     "groundstation/hops.py": EVERY_ROOM,
     "groundstation/lockstep.py": EVERY_ROOM,
-    "groundstation/membership.py": {"contract", "onboard"},
     "groundstation/mock_arena.py": EVERY_ROOM,
     "groundstation/plant.py": {"contract", "onboard"},
     "groundstation/replaying.py": {"contract", "onboard"},
@@ -34,8 +33,7 @@ MAY_IMPORT_ROOMS = {
 }
 """onboard/runtime.py turns wheels; rig.py and mock_arena.py compose a mission's processes; hops.py, lockstep.py and
 wire.py play a mission in one process and virtual time, which takes agents, drivers and motion capture together;
-plant.py is its motors and bodies, by the brake model of the law;
-membership.py restarts agents in it; replaying.py feeds a recording to the very agent."""
+plant.py is its motors and bodies, by the brake model of the law; replaying.py feeds a recording to the very agent."""
 DEVICES = {"can", "serial", "socket", "zenoh", "mcap"}
 MACHINE = {"asyncio", "logging", "multiprocessing", "select", "selectors", "signal", "subprocess", "threading", "time"}
 IMPURE = DEVICES | MACHINE
