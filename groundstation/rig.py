@@ -6,7 +6,6 @@ Demo, benches and fault injection all stand on it. Every process reads the same 
 
 import math
 import shutil
-import socket
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,7 +73,7 @@ def mock_arena(source: Path, out: Path, changes: Changes = AS_WRITTEN) -> Arena:
         table["targets"] |= {"count": changes.targets, "points": []}
     if changes.seed is not None:
         table["targets"] |= {"seed": changes.seed, "points": []}
-    tcp, command, data = free_ports(socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_DGRAM)
+    tcp, command, data = free_ports(3)
     table["link"] = {"router": f"tcp/127.0.0.1:{tcp}"}
     table["mocap"] |= {
         "source": "natnet",

@@ -4,7 +4,6 @@ import contextlib
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -57,7 +56,7 @@ class Reader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        tcp, command, data = free_ports(socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_DGRAM)
+        tcp, command, data = free_ports(3)
         self.usual = {
             "/tmp/lab": str(folder / "lab"),
             "7447": str(tcp),

@@ -10,7 +10,7 @@ import pytest
 from contract.arena import Arena, parse
 from contract.keys import Keys
 from contract.messages import Message
-from groundstation.faultrig import Place, Stage
+from groundstation.faultrig import Stage
 from groundstation.mock_arena import FAULTS_FILE, INSIDE_M, MockArena
 
 WHEELS = {"kind": "roboclaw", "counts_per_revolution": 2048}
@@ -81,38 +81,3 @@ def test_a_hand_is_no_fault_of_motion_capture(stage: Turning, capsys: pytest.Cap
     stage.spoil("udp carried", "r03 carried")
     stage.turn()
     assert capsys.readouterr().err.count("is not ROBOT KIND; ignored") == 2
-
-
-def test_others_that_a_robot_held_together_have_not_come_apart_where_it_rolled_on_after_it_was_cut_off() -> None:
-    stage = Stage.__new__(Stage)
-    stage.arena = SimpleNamespace(  # type: ignore[assignment]
-        robots=dict.fromkeys(("r06", "r08", "r09")), control=SimpleNamespace(sensing_radius_m=1.0)
-    )
-    seen = {"r06": 0.0, "r08": 1.04, "r09": 1.3}
-    stage.places = {name: [Place(1, x_m, 0.0, 0.0)] for name, x_m in seen.items()}
-    assert stage.is_split("r08", {})
-    assert not stage.is_split("r08", {"r08": (0.55, 0.0)})
-    assert not stage.is_split("r06", {})
-
-
-@pytest.mark.parametrize(
-    ("links", "x_m", "whole"),
-    [
-        ({"r06": ("r09", "r08"), "r09": ("r06",)}, 0.9, True),
-        ({"r06": ("r09",), "r09": ("r06",)}, 1.1, False),
-        ({"r06": ("r08",), "r09": ("r08",)}, 0.9, False),
-        ({"r06": ("r09",), "r09": ()}, 0.9, False),
-        ({"r06": ("r09",)}, 0.9, False),
-    ],
-    ids=["linked", "too far", "by the victim alone", "one end", "not heard"],
-)
-def test_the_others_are_whole_by_links_among_themselves(
-    links: dict[str, tuple[str, ...]], x_m: float, whole: bool
-) -> None:
-    stage = Stage.__new__(Stage)
-    stage.arena = SimpleNamespace(  # type: ignore[assignment]
-        robots=dict.fromkeys(("r06", "r08", "r09")), control=SimpleNamespace(sensing_radius_m=1.0)
-    )
-    stage.places = {name: [Place(1, at_m, 0.0, 0.0)] for name, at_m in (("r06", 0.0), ("r08", 0.5), ("r09", x_m))}
-    stage.reports = {name: SimpleNamespace(links_on=on) for name, on in links.items()}  # type: ignore[misc]
-    assert stage.is_whole("r08") is whole

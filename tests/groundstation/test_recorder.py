@@ -5,7 +5,6 @@ import gc
 import os
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import weakref
@@ -36,7 +35,7 @@ KEYS = Keys("made")
 @pytest.fixture
 def arena(tmp_path: Path) -> Arena:
     table = table_of(arena_of())
-    table["link"] = {"router": f"tcp/127.0.0.1:{free_ports(socket.SOCK_STREAM)[0]}"}
+    table["link"] = {"router": f"tcp/127.0.0.1:{free_ports(1)[0]}"}
     made = parse(table, "test")
     write_config(made, tmp_path / "config.toml")
     return made

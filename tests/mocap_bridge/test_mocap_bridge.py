@@ -33,7 +33,7 @@ LIMIT_S = 15.0
 
 
 def on_free_ports(site: Arena) -> Arena:
-    command, data, tcp = free_ports(socket.SOCK_DGRAM, socket.SOCK_DGRAM, socket.SOCK_STREAM)
+    command, data, tcp = free_ports(3)
     mocap = msgspec.structs.replace(site.mocap, command_port=command, data_port=data)
     link = msgspec.structs.replace(site.link, router=f"tcp/127.0.0.1:{tcp}")
     return msgspec.structs.replace(site, mocap=mocap, link=link)

@@ -44,7 +44,7 @@ def taken(port: int) -> Iterator[None]:
 
 @pytest.fixture
 def port() -> int:
-    return free_ports(socket.SOCK_STREAM)[0]
+    return free_ports(1)[0]
 
 
 @pytest.fixture

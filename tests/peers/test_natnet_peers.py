@@ -4,7 +4,6 @@ import importlib.util
 import json
 import math
 import select
-import socket
 import subprocess
 import sys
 import threading
@@ -28,7 +27,7 @@ VERSIONS = ["2.9", "3.0", "3.1", "4.0", "4.1", "4.2"]
 @contextmanager
 def serving(version: str, group: str = "", up_axis: str = "z") -> Iterator[Mocap]:
     """An emulated server at 100 Hz on free ports, in a thread."""
-    command, data = free_ports(socket.SOCK_DGRAM, socket.SOCK_DGRAM)
+    command, data = free_ports(2)
     mocap = Mocap(
         version=version,
         multicast_group=group,

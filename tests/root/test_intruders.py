@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import socket
 import subprocess
 import sys
 import threading
@@ -41,7 +40,7 @@ class Site:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.port, self.fake_port = free_ports(socket.SOCK_DGRAM, socket.SOCK_DGRAM)
+        self.port, self.fake_port = free_ports(2)
         text = rig.find_arena("bench2").read_text()
         endpoints = [f"quic/127.0.0.1:{self.port}", f"tls/127.0.0.1:{self.port}"]
         link = f'router = "{endpoints[0]}"\nlisten = {json.dumps(endpoints)}\nkeys = "keys"'
