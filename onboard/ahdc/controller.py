@@ -89,12 +89,12 @@ class Controller:
         """Robots without power are carried about: no link is kept with one that is out of reach now."""
         if self.field is not None:
             for name in beyond(self.field.links.enforced()):
-                self.field.links.forget(name)
+                self.field.forget(name)
 
     def rejoin(self) -> None:
         """As at the start it moves only once linked to every robot within r_c."""
         if self.field is not None:
-            self.field.joined = False
+            self.field.rejoin()
 
     def exclude(self, robots: frozenset[str]) -> None:
         """Robots that are no part of the network any more, by the operator's order."""

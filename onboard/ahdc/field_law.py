@@ -60,10 +60,13 @@ class FieldLaw:
         self.links = LinkTable(robot, boot)
         self.planner = Planner(parameters, stop_tables(parameters), period_s)
         self.joined = False
-        """Every robot within r_c at the start has been linked: rule 8."""
+        """Every robot within r_c has been linked since it came: rule 8."""
         self.excluded: frozenset[str] = frozenset()
         """Robots the operator has taken out of the network."""
         self._came_s: float | None = None
+        self._met: set[str] = set()
+        """Robots that have been linked since it came, while it has not joined: where such a link has been removed, a
+        verified detour stands for it."""
         self._parameters = parameters
         self._steer = steer
         (weak, _), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
@@ -82,7 +85,8 @@ class FieldLaw:
         entries = links.entries
         p = self._parameters
         own = view.motion[:2]
-        reach_m = ADD_SHARE * self._spacious_m if self.joined else p.sensing_radius_m
+        joined_reach_m = ADD_SHARE * self._spacious_m
+        reach_m = joined_reach_m if self.joined else p.sensing_radius_m
         silent = []
         if self._came_s is None:
             self._came_s = now_s
@@ -91,6 +95,7 @@ class FieldLaw:
         for name, (state, _, is_silent) in view.heard.items():
             if boots.get(name) != state.boot:
                 links.note_boot(name, state.boot)
+                self._met.discard(name)
             if is_silent:
                 silent.append(name)
                 continue
@@ -101,14 +106,20 @@ class FieldLaw:
             if link is ON:
                 if self.robot not in state.links_on and self.robot not in state.links_kept:
                     links.renew(name, now_s)
+                    self._met.discard(name)
+                elif not self.joined:
+                    self._met.add(name)
                 continue
             distance = math.dist(own, sighted[name][:2])
+            if distance > joined_reach_m and name in self._met:
+                continue
             if distance <= reach_m and (link is OFF or link is Link.DOUBT) and (self.robot < name or not self.joined):
                 links.offer(name, now_s)
             waiting |= distance <= p.sensing_radius_m
         links.note_silence([*silent, *(left.robot for left in view.left)])
         if not waiting:
             self.joined = True
+            self._met.clear()
         if self.joined and now_s >= self._next_removal_s and links.removal is None:
             self._try_removal(view, own)
         links.tick(now_s)
@@ -116,12 +127,23 @@ class FieldLaw:
     def release(self) -> None:
         """Without links, as at the start: it moves again only once linked to every robot within r_c."""
         self.links.release()
-        self.joined, self._came_s = False, None
+        self.rejoin()
+        self._came_s = None
+
+    def rejoin(self) -> None:
+        """As at the start it moves only once linked to every robot within r_c; the links that there are stay."""
+        self.joined = False
+        self._met.clear()
+
+    def forget(self, other: str) -> None:
+        """End one link without the other's consent: a detour may have led along it."""
+        self.links.forget(other)
+        self._met.clear()
 
     def exclude(self, robots: frozenset[str]) -> None:
         """Take robots out of the network: their links end without their consent; readmitted, they are offered anew."""
         for name in robots - self.excluded:
-            self.links.forget(name)
+            self.forget(name)
         self.excluded = robots
 
     def _try_removal(self, view: View, own: Vector) -> None:

@@ -35,6 +35,14 @@ def test_a_robot_lost_from_sight_keeps_its_links(seconds: float) -> None:
     assert world.agents["r02"].run_state == "running"
 
 
+@pytest.mark.parametrize("script", [(), (Event(0.5, "late", "r19"),)], ids=["all at once", "one late"])
+def test_in_a_crowd_everybody_comes_to_move(script: tuple[Event, ...]) -> None:
+    world = world_of(*script, robots=20, seed=82_006_000)
+    world.until(2.0)
+    fields = {name: agent.controller.field for name, agent in world.agents.items()}
+    assert [name for name, field in fields.items() if field is None or not field.joined] == []
+
+
 def test_a_robot_that_crashed_holds_the_others_until_it_is_taken_out() -> None:
     kept, freed = (
         world_of(Event(1.0, "crash", "r02"), *more, limit_s=4.0) for more in ([], [Event(2.0, "exclude", "r02")])

@@ -1,6 +1,6 @@
 """Whom the field profile links with, and from when on a robot may move: rules 7 and 8 as the law keeps them."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import pytest
 
@@ -78,6 +78,94 @@ def test_it_joins_only_once_linked_to_every_robot_within_r_c(place: Vector) -> N
     law.links.entries["r02"].state = ON
     law.keep_links(view(8.0, {"r02": place, "r03": FAR}))
     assert law.joined
+
+
+def met(others: dict[str, Vector], now_s: float = 5.0) -> FieldLaw:
+    """A law that has not joined, for r03 is missing; it has been linked to r02, whose link a detour has replaced."""
+    law = new_law(linked=["r02"])
+    law.keep_links(view(now_s, others))
+    law.links.entries["r02"].state = OFF
+    return law
+
+
+LONG = (0.0, R_C_M - 0.01)
+OTHERS = {"r02": LONG, "r03": NEAR}
+
+
+def test_it_joins_once_it_has_been_linked_to_every_robot_if_never_to_all_at_one_moment() -> None:
+    law = met(OTHERS)
+    law.keep_links(view(5.05, OTHERS))
+    assert not law.joined
+    law.links.entries["r03"] = Entry(ON)
+    law.keep_links(view(5.5, OTHERS))
+    assert law.joined
+    assert offered(law) == ["r03"]
+
+
+def test_a_long_link_that_a_detour_has_replaced_is_not_offered_again_and_a_short_one_is() -> None:
+    law = met(OTHERS)
+    law.keep_links(view(5.05, OTHERS))
+    assert offered(law) == ["r03"]
+    short = {"r02": (0.0, 0.4), "r03": NEAR}
+    law = met(short)
+    law.keep_links(view(5.05, short))
+    assert offered(law) == ["r03", "r02"]
+
+
+def test_a_link_that_the_other_end_does_not_know_of_is_no_meeting() -> None:
+    law = new_law(linked=["r02"])
+    stranger = view(5.0, OTHERS)
+    stranger.heard["r02"] = Heard(state("r02", *LONG, boot=1, links_kept=()), 0.0, False)
+    law.keep_links(stranger)
+    law.links.entries["r02"].state = OFF
+    law.links.entries["r03"] = Entry(ON)
+    law.keep_links(view(5.5, OTHERS))
+    assert not law.joined
+
+
+@pytest.mark.parametrize(
+    "lose",
+    [
+        lambda law: law.rejoin(),
+        lambda law: law.release(),
+        lambda law: law.forget("r04"),
+        lambda law: law.exclude(frozenset({"r04"})),
+        lambda law: law.keep_links(view(5.2, OTHERS, boots={"r02": 2})),
+    ],
+    ids=["rejoin", "release", "forget", "exclude", "boot"],
+)
+def test_links_that_end_without_a_detour_are_waited_for_again(lose: Callable[[FieldLaw], None]) -> None:
+    law = met(OTHERS)
+    lose(law)
+    law.links.entries["r03"] = Entry(ON)
+    for now_s in (5.5, 6.0):
+        law.keep_links(view(now_s, OTHERS, boots={"r02": law.links.boots["r02"]}))
+    assert not law.joined
+    assert "r02" in offered(law)
+
+
+def test_a_link_whose_other_end_has_forgotten_it_is_waited_for_again() -> None:
+    law = new_law(linked=["r02"])
+    law.keep_links(view(5.0, OTHERS))
+    forgetful = view(5.1, OTHERS)
+    forgetful.heard["r02"] = Heard(state("r02", *LONG, boot=1, links_kept=()), 0.0, False)
+    law.keep_links(forgetful)
+    law.links.entries["r03"] = Entry(ON)
+    law.keep_links(view(5.5, OTHERS))
+    assert law.links.state("r02") is Link.OFFERED
+    assert not law.joined
+
+
+def test_once_joined_it_meets_nobody_and_after_a_rejoin_waits_for_all() -> None:
+    law = new_law(linked=["r02", "r03"])
+    for now_s in (5.0, 5.4, 5.5):
+        law.keep_links(view(now_s, OTHERS))
+    assert law.joined
+    law.links.entries["r02"].state = OFF
+    law.rejoin()
+    law.keep_links(view(6.0, OTHERS))
+    assert not law.joined
+    assert offered(law) == ["r02"]
 
 
 def test_a_silent_robot_is_offered_nothing_and_not_vouched_for() -> None:
