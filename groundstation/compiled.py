@@ -11,7 +11,6 @@ import importlib.metadata
 import importlib.util
 import os
 import shutil
-import subprocess
 import sys
 import sysconfig
 import tempfile
@@ -19,6 +18,7 @@ import time
 from pathlib import Path
 
 import groundstation
+from groundstation.compiler import CompileError, compile_all, look_for_tools
 
 ROOMS = ("contract", "groundstation", "onboard")
 """Whose sources the machine code is of."""
@@ -34,22 +34,18 @@ __path__.append(str(Path(find_spec("contract").origin).parent.parent / "groundst
 """What a process to come takes for the package ``groundstation``."""
 OFF = "AHDC_COMPILED"
 """Set to 0, this variable of the environment keeps ``simulate`` from taking machine code."""
-SHOW_S = 2.0
-"""On a terminal; elsewhere a line now and then is enough."""
-LINE_S = 15.0
-
-
-class CompileError(Exception):
-    """It cannot be compiled here; the text says why and what to do."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Compile the control law for simulate: the same missions, bit for bit, in less time. Takes two to five minutes "
+        "Compile the control law for simulate: the same missions, bit for bit, in less time. Takes four to ten minutes "
         "and a C compiler; to be done again when the sources have changed. Robots never run it. "
         f"{OFF}=0 in the environment makes simulate do without."
     )
     parser.add_argument("--force", action="store_true", help="compile although it is there already")
+    parser.add_argument(
+        "--quick", action="store_true", help="compile once, in half the time, instead of twice with missions in between"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     began_s = time.monotonic()
     try:
-        folder = build(sources(), home())
+        folder = build(sources(), home(), args.quick)
     except CompileError as error:
         print(f"compile: {error}", file=sys.stderr)
         return 1
@@ -115,27 +111,23 @@ def take() -> bool:
     return folder is not None
 
 
-def build(source: Path, target: Path, only: tuple[str, ...] = ()) -> Path:
+def build(source: Path, target: Path, quick: bool = False) -> Path:
     """Compile into a folder of ``target``, named after the version, that is there whole or not at all.
 
-    :param only: modules, as :func:`modules` names them; all of them if empty.
     :raises CompileError: a tool is missing, or the compiler refuses.
     """
-    _look_for_tools()
-    chosen = only or tuple(modules(source))
+    look_for_tools()
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target) as name:
         work = Path(name)
         for room in ROOMS:
             shutil.copytree(source / room, work / room, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
-        _compile(work, chosen)
-        for module in (chosen[0], chosen[-1]):
-            _check(work, module)
+        folder = target / version_of(work)
+        compile_all(work, tuple(modules(work)), quick)
         _join(work / "groundstation")
         for part in ("build", "contract", ".mypy_cache", "log"):
             path = work / part
             path.unlink() if path.is_file() else shutil.rmtree(path, ignore_errors=True)
-        folder = target / version_of(source)
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(work, folder.with_suffix(".new"), dirs_exist_ok=True)
         folder.with_suffix(".new").rename(folder)
@@ -143,44 +135,6 @@ def build(source: Path, target: Path, only: tuple[str, ...] = ()) -> Path:
         if old != folder:
             shutil.rmtree(old, ignore_errors=True)
     return folder
-
-
-def _look_for_tools() -> None:
-    for package in ("mypyc", "setuptools"):
-        if importlib.util.find_spec(package) is None:
-            raise CompileError(f"{package} is not installed; remedy: pip install mypy setuptools (./kit has both)")
-    compiler = str(sysconfig.get_config_var("CC") or "cc").split()[0]
-    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
-    if shutil.which(compiler) is None or not header.is_file():
-        raise CompileError("no C compiler, or no headers of Python; remedy: sudo apt-get install gcc python3-dev")
-
-
-def _compile(work: Path, chosen: tuple[str, ...]) -> None:
-    command = [sys.executable, "-m", "mypyc", "--config-file=", "--ignore-missing-imports", *chosen]
-    environment = {**os.environ, "MYPYC_DEBUG_LEVEL": "0", "PYTHONPATH": ""}
-    began_s = time.monotonic()
-    with (work / "log").open("w") as log:
-        process = subprocess.Popen(command, cwd=work, env=environment, stdout=log, stderr=log)
-        try:
-            while process.poll() is None:
-                try:
-                    process.wait(SHOW_S if sys.stderr.isatty() else LINE_S)
-                except subprocess.TimeoutExpired:
-                    _show(f"compiling {len(chosen)} modules: {time.monotonic() - began_s:.0f} s")
-        finally:
-            process.kill()
-            process.wait()
-    _show("")
-    if process.returncode:
-        said = [line for line in (work / "log").read_text().splitlines() if "error" in line.lower()]
-        raise CompileError("mypyc refuses:\n  " + "\n  ".join(said[:10]))
-
-
-def _show(text: str) -> None:
-    if sys.stderr.isatty():
-        print(f"\r{text:<60}" if text else f"\r{'':<60}\r", end="", file=sys.stderr, flush=True)
-    elif text:
-        print(text, file=sys.stderr, flush=True)
 
 
 def _join(package: Path) -> None:
@@ -191,18 +145,6 @@ def _join(package: Path) -> None:
         elif path.suffix != ".so":
             path.unlink()
     (package / "__init__.py").write_text(JOINT, encoding="utf-8")
-
-
-def _check(work: Path, module: str) -> None:
-    """That what was made can be imported, and is machine code."""
-    name = module.removesuffix(".py").replace("/", ".")
-    look = f"import importlib; print(importlib.import_module({name!r}).__file__)"
-    done = subprocess.run(
-        [sys.executable, "-c", look], cwd=work, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": ""},
-    )  # fmt: skip
-    if done.returncode or not done.stdout.strip().endswith(str(sysconfig.get_config_var("EXT_SUFFIX"))):
-        raise CompileError(f"{name} does not work as machine code: {(done.stderr or done.stdout).strip()[-300:]}")
 
 
 def _mypy() -> str:

@@ -4,9 +4,10 @@ from dataclasses import dataclass, field
 from math import cos, sin
 from typing import NamedTuple
 
-from onboard.ahdc.parameters import Vector, record
+from onboard.ahdc.parameters import Vector
 from onboard.ahdc.stopping import Brake, rim_after
 from onboard.odometry import Pose
+from onboard.record import record
 
 REST = (0.0, 0.0)
 COAST = Brake(0.6, 0.0)

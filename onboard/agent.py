@@ -21,7 +21,7 @@ from contract.messages import (
 from onboard import unicycle
 from onboard.account import Account, Drive, Outbox, next_ns
 from onboard.ahdc.controller import Controller
-from onboard.ahdc.parameters import from_arena, record
+from onboard.ahdc.parameters import from_arena
 from onboard.ahdc.plan import Motion
 from onboard.ahdc.view import View
 from onboard.asked import Asked
@@ -35,6 +35,7 @@ from onboard.motion import MotionCheck
 from onboard.odometry import Odometry, Pose
 from onboard.pacing import Pacing
 from onboard.reception import Reception
+from onboard.record import record
 from onboard.safety import Supervisor, Verdict
 from onboard.sensing import Sensing
 from onboard.vitals import Vitals

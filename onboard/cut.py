@@ -15,11 +15,11 @@ Ways farther apart than that by ``WIDE_M`` are no concern: no braking way grows 
 import math
 from typing import Final
 
-from onboard.ahdc.parameters import record
 from onboard.courses import Course, CutBounds, brake_way, cut_bounds, cut_way
 from onboard.foresight import foresee
 from onboard.hulls import Way, least, nearest
 from onboard.limits import REST_MPS, Limited, Neighbour
+from onboard.record import record
 
 __all__ = ["CutBounds", "cut_bounds", "limit_cut"]
 

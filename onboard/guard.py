@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from contract.arena import Arena
 from contract.messages import NeighbourState
 from onboard import unicycle
-from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Decision, Heard, Left, Sighted
 from onboard.courses import cut_bounds, cut_way
 from onboard.cut import limit_cut
@@ -14,6 +13,7 @@ from onboard.foresight import Foresight
 from onboard.hulls import Point
 from onboard.limits import Neighbour, bounds_of, inside_fence, limit
 from onboard.odometry import Pose
+from onboard.record import record
 
 
 class Guard:

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 from contract.arena import Safety
 from contract.messages import BodyPose
-from onboard.ahdc.parameters import record
+from onboard.record import record
 
 ROLL_FACTOR: Final = 1.25
 MARGIN_SHARE: Final = 0.5

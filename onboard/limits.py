@@ -21,7 +21,7 @@ import math
 from typing import Final, NamedTuple
 
 from contract.arena import Arena
-from onboard.ahdc.parameters import record
+from onboard.record import record
 
 REST_MPS: Final = 0.02
 REACTION_S: Final = 0.04

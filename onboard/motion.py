@@ -24,9 +24,9 @@ from typing import Final, Literal, NamedTuple
 
 from contract.arena import Safety
 from contract.messages import BodyPose
-from onboard.ahdc.parameters import record
 from onboard.expected import Expected, Plant
 from onboard.odometry import Pose
+from onboard.record import record
 
 SAMPLE_NS: Final = 40_000_000
 """Poses are compared at this distance: nearer ones differ mostly by noise."""

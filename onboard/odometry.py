@@ -7,7 +7,7 @@ import math
 from collections import deque
 from typing import Final, NamedTuple
 
-from onboard.ahdc.parameters import record
+from onboard.record import record
 
 BASE_NS: Final = 100_000_000
 """Over this long, at least, a body's motion is counted; over less most of it is noise."""

@@ -13,11 +13,11 @@ from typing import Final
 from msgspec.structs import replace
 
 from contract.messages import BodyPose, MocapFrame, NeighbourState, TargetCloud
-from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Left, Sighted
 from onboard.cloud import Cloud, cells_of
 from onboard.jump import GAP_NS, ROLL_FACTOR
 from onboard.odometry import Pose
+from onboard.record import record
 
 VELOCITY_BASE_NS: Final = 40_000_000
 """Velocities are differences over at least this long: shorter ones are mostly noise."""

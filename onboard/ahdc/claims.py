@@ -14,8 +14,8 @@ import msgspec
 from contract.messages import NeighbourState, ToldClaim
 from contract.units import metres
 from onboard.ahdc.cotr import Claim
-from onboard.ahdc.parameters import record
 from onboard.ahdc.view import Heard, Sighted
+from onboard.record import record
 
 CLAIM_HOPS: Final = 4
 """Farther from its owner a claim is not passed on."""

@@ -12,11 +12,12 @@ from onboard.ahdc.law import Law
 from onboard.ahdc.links import LEAVING, OFF, ON, Link
 from onboard.ahdc.memory import to_hex
 from onboard.ahdc.paper_law import PaperLaw
-from onboard.ahdc.parameters import Parameters, Vector, record
+from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.plan import Motion, Planner
 from onboard.ahdc.stopping import stop_tables
 from onboard.ahdc.tasking import Tasking
 from onboard.ahdc.view import Decision, Goal, View
+from onboard.record import record
 
 LinkWord = Literal["on", "doubt", "leaving"]
 

@@ -6,7 +6,7 @@ from typing import Final, Protocol
 
 from onboard.ahdc.behaviour import alignment, saturate, separation, velocity
 from onboard.ahdc.links import OFF, ON, Link, LinkTable
-from onboard.ahdc.parameters import Parameters, Vector, record
+from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.plan import (
     CONTACT_M,
     LOOK_AHEAD_S,
@@ -20,6 +20,7 @@ from onboard.ahdc.plan import (
 )
 from onboard.ahdc.stopping import Brake, speed_for_stop_mps, stop_distance_m, stop_tables
 from onboard.ahdc.view import Goal, Left, View
+from onboard.record import record
 from onboard.unicycle import TURN_GAIN_PER_S, turn_gain_per_s
 
 ADD_SHARE: Final = 0.8

@@ -1,15 +1,11 @@
 """Section IV-A's parameters under their code names, taken from a checked arena file."""
 
 from dataclasses import dataclass, field
-from typing import Final
 
 from contract.arena import Arena
 
 Vector = tuple[float, float]
 """(x, y), arena frame."""
-
-record: Final = tuple.__new__
-"""``record(Motion, (...))`` is ``Motion(...)`` in half the time, for what is made many times a step."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import math
 from typing import Final, NamedTuple
 
 from onboard.ahdc.behaviour import FADED_M
-from onboard.ahdc.parameters import Parameters, Vector, record
+from onboard.ahdc.parameters import Parameters, Vector
 from onboard.ahdc.room import (
     CONTACT_M,
     RUN_AHEAD,
@@ -28,6 +28,7 @@ from onboard.ahdc.room import (
     way_clearance_m,
 )
 from onboard.ahdc.stopping import Brake, Stops
+from onboard.record import record
 
 __all__ = [
     "CONTACT_M",

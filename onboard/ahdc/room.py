@@ -3,7 +3,8 @@
 import math
 from typing import Final, NamedTuple
 
-from onboard.ahdc.parameters import Parameters, Vector, record
+from onboard.ahdc.parameters import Parameters, Vector
+from onboard.record import record
 
 RUN_AHEAD: Final = 0.8
 """Share of u_max by which an accelerating partner's stop point runs ahead per second of age, fitted."""

@@ -11,10 +11,23 @@ from pathlib import Path
 import pytest
 
 import groundstation
-from groundstation import cli, compiled
+from groundstation import cli, compiled, compiler
 
 HEADER = Path(sysconfig.get_paths()["include"]) / "Python.h"
 COMPILER = shutil.which(str(sysconfig.get_config_var("CC") or "cc").split()[0])
+needs_compiler = pytest.mark.skipif(
+    COMPILER is None or not HEADER.is_file(), reason="no C compiler or no headers of Python"
+)
+PLAYED = """import os
+import sys
+from pathlib import Path
+
+from onboard import law
+
+assert not law.__file__.endswith(".py"), law.__file__
+assert law.twice(1.5) == 3.0
+Path(os.environ["PLAYED"]).write_text(" ".join(sys.argv[1:]))
+"""
 
 
 @pytest.fixture
@@ -124,16 +137,36 @@ def test_without_a_tool_it_says_which_and_what_to_do(
     if missing == "compiler":
         monkeypatch.setattr(shutil, "which", lambda name: None)
     else:
-        monkeypatch.setattr(compiled.importlib.util, "find_spec", lambda name: None)
+        monkeypatch.setattr(compiler.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(compiled.CompileError, match=r"remedy: (sudo apt-get|pip) install"):
         compiled.build(rooms, tmp_path / "kept")
     assert not (tmp_path / "kept").exists()
 
 
-@pytest.mark.skipif(COMPILER is None or not HEADER.is_file(), reason="no C compiler or no headers of Python")
-def test_a_compiler_makes_it_whole_or_not_at_all(rooms: Path, tmp_path: Path) -> None:
+def test_machine_code_is_named_after_the_sources_it_is_of(
+    rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody edits them while the compiler is at work."""
+    before = compiled.version_of(rooms)
+    monkeypatch.setattr(compiled, "look_for_tools", lambda: None)
+    monkeypatch.setattr(
+        compiled, "compile_all", lambda work, chosen, quick: (rooms / "onboard" / "law.py").write_text("x = 1\n")
+    )
+    assert compiled.build(rooms, tmp_path / "kept").name == before
+
+
+@needs_compiler
+@pytest.mark.parametrize("quick", [True, False], ids=["once", "twice"])
+def test_a_compiler_makes_it_whole_or_not_at_all(
+    rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick: bool
+) -> None:
+    monkeypatch.setattr(compiler, "MISSIONS", [["a", "mission"]])
+    (rooms / "groundstation" / "__main__.py").write_text(PLAYED)
+    monkeypatch.setenv("PLAYED", str(tmp_path / "played"))
     kept = tmp_path / "kept"
-    folder = compiled.build(rooms, kept)
+    folder = compiled.build(rooms, kept, quick)
+    assert (tmp_path / "played").is_file() == (not quick and compiler.learns())
+    assert not any(path.suffix in (".c", ".gcda", ".o") for path in folder.rglob("*"))
     assert [path.name for path in kept.iterdir()] == [compiled.version_of(rooms)]
     look = "from onboard import law; print(law.__file__, law.twice(1.5))"
     command = [sys.executable, "-P", "-c", look]
@@ -148,5 +181,20 @@ def test_a_compiler_makes_it_whole_or_not_at_all(rooms: Path, tmp_path: Path) ->
     assert plain == str(rooms / "groundstation" / "result.py")
     (rooms / "onboard" / "law.py").write_text("def twice(x: float) -> float:\n    return 'no'\n")
     with pytest.raises(compiled.CompileError, match=r"law\.py:2: error"):
-        compiled.build(rooms, kept)
+        compiled.build(rooms, kept, quick)
     assert list(kept.iterdir()) == [folder]
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("played", "words"), [("raise SystemExit('no floor')", r"missions fail .*no floor"), ("", "no counts")]
+)
+def test_missions_that_come_to_nothing_are_told(
+    rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, played: str, words: str
+) -> None:
+    monkeypatch.setattr(compiler, "learns", lambda: True)
+    monkeypatch.setattr(compiler, "COUNT", ())
+    (rooms / "groundstation" / "__main__.py").write_text(played)
+    with pytest.raises(compiled.CompileError, match=words):
+        compiled.build(rooms, tmp_path / "kept")
+    assert list((tmp_path / "kept").iterdir()) == []

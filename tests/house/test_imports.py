@@ -59,6 +59,7 @@ SHELLS = (
     "mocap_bridge/timekeeper.py",
     "mocap_bridge/verbs/*.py",
     "groundstation/compiled.py",
+    "groundstation/compiler.py",
     "groundstation/conduct.py",
     "groundstation/demo.py",
     "groundstation/deploy.py",
