@@ -17,6 +17,8 @@ SKEW_SPAN_NS = 2_000_000_000
 """Shorter windows do not give a skew."""
 MAX_SKEW = 500e-6
 """Skew assumed possible while none is measured."""
+ASSUMED_NS = 2_000_000
+"""Delay of the fastest arrival where no echo tells it."""
 
 
 class Sample(NamedTuple):
@@ -112,8 +114,6 @@ class ArrivalClock:
 
     The unknown shortest delay is the error; :data:`ASSUMED_NS` stands for it.
     """
-
-    ASSUMED_NS = 2_000_000
 
     def __init__(self) -> None:
         self._least: deque[tuple[int, int]] = deque()

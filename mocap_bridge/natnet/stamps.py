@@ -3,7 +3,7 @@
 from collections import Counter
 from typing import NamedTuple
 
-from mocap_bridge.natnet.clock import ArrivalClock, EchoClock
+from mocap_bridge.natnet.clock import ASSUMED_NS, ArrivalClock, EchoClock
 from mocap_bridge.natnet.frame import Frame
 
 ECHO_PATIENCE_NS = 1_000_000_000
@@ -51,7 +51,7 @@ class Stamper:
             server_ns = int(frame.timestamp_s * 1e9)
             latency_ns = int(frame.latency_s * 1e9) if 0.0 <= frame.latency_s < 1.0 else 0
         transmit_ns = self._arrivals.local_ns(server_ns, now_ns)
-        return Stamped(frame, transmit_ns - latency_ns, transmit_ns, now_ns, ArrivalClock.ASSUMED_NS)
+        return Stamped(frame, transmit_ns - latency_ns, transmit_ns, now_ns, ASSUMED_NS)
 
     def _latency_ns(self, frame: Frame) -> int:
         """Middle of the exposure to transmission; 0 where the server does not know it."""

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence as Items
 from typing import NamedTuple
 
-from mocap_bridge.natnet.clock import ArrivalClock
+from mocap_bridge.natnet.clock import ASSUMED_NS, ArrivalClock
 from mocap_bridge.natnet.frame import TRACKING_VALID, Body
 from mocap_bridge.sequence import Sequence
 from mocap_bridge.sources.base import SourceFrame
@@ -89,6 +89,4 @@ class QualisysReceiver:
             error_m = 0.001 * residual_mm if residual_mm >= 0.0 else 0.0
             bodies[name] = (0, x, y, z, *rotation, error_m, TRACKING_VALID if tracked else 0)
         stamp_ns = self._clock.local_ns(packet.timestamp_us * 1000, packet.received_ns)
-        return SourceFrame(
-            self.session, packet.number, stamp_ns, stamp_ns, packet.received_ns, ArrivalClock.ASSUMED_NS, bodies
-        )
+        return SourceFrame(self.session, packet.number, stamp_ns, stamp_ns, packet.received_ns, ASSUMED_NS, bodies)

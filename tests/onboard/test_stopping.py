@@ -161,6 +161,17 @@ def test_place_after_a_command_is_where_braking_after_it_ends(
     assert math.dist(place, integrate(left, right, brake, 1e-3, (left_to, right_to), 40)) < 1e-3
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_robot_that_stops_at_once_after_an_arc_lies_on_its_chord(side: int) -> None:
+    """Half a radian in a tenth of a second; the chord points half as far aside as the robot then faces."""
+    brake = Brake(100.0, 0.001)
+    rims = (0.4 - side * 2.5 * TRACK_M, 0.4 + side * 2.5 * TRACK_M)
+    x, y = StopTable(brake, U_MAX, TRACK_M).place_after(*rims, *rims, 0.1)
+    arc_x, arc_y = integrate(*rims, brake, 1e-3, rims, 100)
+    assert math.atan2(y, x) == pytest.approx(math.atan2(arc_y, arc_x), abs=1e-3)
+    assert math.hypot(x, y) == pytest.approx(math.hypot(arc_x, arc_y), rel=0.015)
+
+
 def test_the_long_table_is_of_the_weakest_and_slowest_brake_and_the_short_one_of_the_strongest_and_quickest() -> None:
     parameters = field_parameters()
     (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
