@@ -82,6 +82,7 @@ class Wire:
         return self._clocks[name].now_ns
 
     def advance(self, now_ns: int) -> None:
+        """A robot hears its motors when they have said something; that they are silent, it notices in its own turns."""
         if now_ns <= self._now_ns:
             return
         self._now_ns = now_ns
@@ -92,10 +93,9 @@ class Wire:
             clock.now_ns = now_ns
             robot = robots[name]
             robot.advance(now_ns)
-            robot.deliver()
-            if name not in hung:
+            if robot.deliver() and name not in hung:
                 wheels[name].listen(self._own_ns(name, now_ns))
-            robot.roll()
+                robot.roll()
 
     def pose(self, name: str) -> Pose:
         return Pose(*self.emulated.pose(name))

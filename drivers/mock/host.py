@@ -49,15 +49,16 @@ class EmulatedRobot:
         late = self.line.carry("commands", b"", now_ns)
         self._answer(self.controller.receive(late, now_ns) if late else self.controller.advance(now_ns), now_ns)
 
-    def deliver(self) -> None:
-        """Hand the computer what the device has sent."""
+    def deliver(self) -> bool:
+        """Hand the computer what the device has sent; False: nothing."""
         if not self._telemetry:
-            return
+            return False
         if self.wires:
             self.wires[-1].deliver(self._telemetry)
         else:
             self.port.write(self._telemetry)
         self._telemetry = b""
+        return True
 
     def roll(self) -> None:
         """Bring the body to where the wheels have turned."""
