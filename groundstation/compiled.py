@@ -1,5 +1,5 @@
-"""``compile``: machine code of ``onboard`` and of lockstep for long sweeps, by mypyc, from the very sources: the same
-missions.
+"""``compile``: machine code of ``onboard``, of lockstep and of its real bytes for long sweeps, by mypyc, from the very
+sources: the same missions.
 
 ``simulate`` takes it where it is there and no source has changed since; robots, tests and everything else never do.
 It is kept in the environment, in a folder for one version of the sources.
@@ -20,12 +20,28 @@ from pathlib import Path
 import groundstation
 from groundstation.compiler import CompileError, compile_all, look_for_tools
 
-ROOMS = ("contract", "groundstation", "onboard")
+ROOMS = ("contract", "drivers", "groundstation", "mocap_bridge", "onboard")
 """Whose sources the machine code is of."""
+WHOLE = ("drivers", "mocap_bridge", "onboard")
+"""Rooms that are taken from there with their sources beside the machine code."""
 SHELLS = ("checkup", "cli", "computer", "doctor", "network", "runtime", "service", "site_time", "switches")
 """Modules of ``onboard`` that no simulated robot needs."""
-WORLD = ("grid", "hops", "lockstep", "plant", "referee", "scoring", "vicinity")
+WORLD = ("grid", "hops", "lockstep", "plant", "referee", "scoring", "vicinity", "wire")
 """Modules of ``groundstation`` that play a mission."""
+BYTES = {
+    "drivers": ("gate", "gated", "health", "lifecycle", "line"),
+    "drivers/can": ("line", "odrive_codec", "slcan_text"),
+    "drivers/mock": (
+        "adapter", "body", "controller", "faults", "host", "motor", "odrive", "roboclaw", "roboclaw_channel",
+        "roboclaw_packets", "slcan", "wire",
+    ),
+    "drivers/serial": ("line", "roboclaw_codec"),
+    "mocap_bridge": ("steady",),
+    "mocap_bridge/mock": ("bodies",),
+    "mocap_bridge/natnet": ("frame", "frame_encode"),
+}  # fmt: skip
+"""What takes most of the time of ``--wire``. None has a Struct, which mypyc does not know, or a class that families of
+drivers inherit from."""
 JOINT = '''"""Machine code of some modules; the others are where the sources are."""
 from importlib.util import find_spec
 from pathlib import Path
@@ -38,8 +54,8 @@ OFF = "AHDC_COMPILED"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Compile the control law for simulate: the same missions, bit for bit, in less time. Takes four to ten minutes "
-        "and a C compiler; to be done again when the sources have changed. Robots never run it. "
+        "Compile the control law for simulate: the same missions, bit for bit, in less time. Takes five to fifteen "
+        "minutes and a C compiler; to be done again when the sources have changed. Robots never run it. "
         f"{OFF}=0 in the environment makes simulate do without."
     )
     parser.add_argument("--force", action="store_true", help="compile although it is there already")
@@ -81,7 +97,8 @@ def modules(folder: Path) -> list[str]:
     left = {*SHELLS, "__init__", "__main__"}
     law = [path for path in (folder / "onboard").rglob("*.py") if path.stem not in left]
     world = [folder / "groundstation" / f"{name}.py" for name in WORLD]
-    return sorted(str(path.relative_to(folder)) for path in (*law, *world))
+    wire = [folder / room / f"{name}.py" for room, names in BYTES.items() for name in names]
+    return sorted(str(path.relative_to(folder)) for path in (*law, *world, *wire))
 
 
 def version_of(folder: Path) -> str:
@@ -101,7 +118,7 @@ def current() -> Path | None:
 
 def take() -> bool:
     """Import what is compiled from machine code from now on, also in processes to come; False where it cannot be."""
-    late = "onboard" in sys.modules or any(f"groundstation.{name}" in sys.modules for name in WORLD)
+    late = any(name in sys.modules for name in (*WHOLE, *(f"groundstation.{name}" for name in WORLD)))
     if late or os.environ.get(OFF) == "0" or not home().is_dir():
         return False
     folder = current()

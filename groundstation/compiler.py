@@ -17,8 +17,13 @@ FLAGS = ("-DNDEBUG", "-fwrapv", "-fno-semantic-interposition", "-ffp-contract=of
 COUNT = ("-fprofile-generate", "-fprofile-update=single")
 USE = ("-fprofile-use", "-fprofile-correction", "-Wno-missing-profile")
 MISSIONS = tuple(
-    ["simulate", "--conditions", conditions, "--robots", robots, "--targets", targets, "--runs", "2", "--workers", "1"]
-    for conditions, robots, targets in (("ideal", "6", "19"), ("field", "6", "19"), ("field", "9", "27"))
+    ["simulate", "--runs", "2", "--workers", "1", *words.split()]
+    for words in (
+        "--conditions ideal --robots 6 --targets 19",
+        "--conditions ideal --robots 6 --targets 19 --wire",
+        "--conditions field --robots 6 --targets 19",
+        "--conditions field --robots 9 --targets 27",
+    )
 )
 """Played between the two."""
 SHOW_S = 2.0

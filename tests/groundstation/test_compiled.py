@@ -31,24 +31,27 @@ Path(os.environ["PLAYED"]).write_text(" ".join(sys.argv[1:]))
 
 
 @pytest.fixture
-def rooms(tmp_path: Path) -> Path:
+def rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(compiled, "WORLD", ("lockstep", "plant"))
+    monkeypatch.setattr(compiled, "BYTES", {"drivers": ("gate",)})
     for room in compiled.ROOMS:
         (tmp_path / room).mkdir()
         (tmp_path / room / "__init__.py").write_text('"""Nothing."""\n')
     for name in (*compiled.WORLD, "result"):
         (tmp_path / "groundstation" / f"{name}.py").write_text("NUMBER: int = 3\n")
+    (tmp_path / "drivers" / "gate.py").write_text("NUMBER: int = 4\n")
     (tmp_path / "onboard" / "law.py").write_text("def twice(x: float) -> float:\n    return 2.0 * x\n")
     return tmp_path
 
 
 @pytest.fixture
 def fresh(rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A process that has not imported ``onboard`` yet; where its machine code would be."""
+    """A process that has imported nothing of what is compiled yet; where its machine code would be."""
     monkeypatch.setattr(compiled, "sources", lambda: rooms)
     monkeypatch.setattr(compiled, "home", lambda: tmp_path / "kept")
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(groundstation, "__path__", list(groundstation.__path__))
-    for name in ("onboard", *(f"groundstation.{name}" for name in compiled.WORLD)):
+    for name in (*compiled.WHOLE, *(f"groundstation.{name}" for name in compiled.WORLD)):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.delenv(compiled.OFF, raising=False)
     return tmp_path / "kept" / compiled.version_of(rooms)
@@ -81,7 +84,7 @@ def test_it_is_not_taken_where_it_must_not_be(fresh: Path, monkeypatch: pytest.M
     with monkeypatch.context() as patch:
         patch.setenv(compiled.OFF, "0")
         assert not compiled.take()
-    for early in ("onboard", "groundstation.lockstep"):
+    for early in ("onboard", "drivers", "mocap_bridge", "groundstation.lockstep"):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, early, sys)
             assert not compiled.take(), "imported already"
@@ -107,6 +110,7 @@ def test_what_is_left_out_is_there() -> None:
     chosen = compiled.modules(folder)
     assert all((folder / name).is_file() for name in chosen)
     assert {"onboard/agent.py", "onboard/ahdc/plan.py", "onboard/cut.py", "groundstation/lockstep.py"} <= set(chosen)
+    assert {"groundstation/wire.py", "drivers/gate.py", "mocap_bridge/natnet/frame.py"} <= set(chosen)
     assert not {"onboard/runtime.py", "groundstation/cli.py", "onboard/ahdc/__init__.py"} & set(chosen)
 
 
@@ -124,10 +128,21 @@ def test_no_class_that_simulate_needs_inherits_from_a_compiled_one_and_is_none_i
             for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in words
             for alias in node.names
         }  # fmt: skip
-        bases = {ast.unparse(base) for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for base in node.bases}
+        bases = {base.split("[")[0] for node in classes(tree) for base in map(ast.unparse, node.bases)}
         if name not in chosen and bases & taken:
             found.append(name)
     assert not found
+
+
+def classes(tree: ast.Module) -> list[ast.ClassDef]:
+    return [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+
+
+def test_nothing_compiled_has_a_struct_whose_keywords_mypyc_would_not_see() -> None:
+    folder = compiled.sources()
+    for name in compiled.modules(folder):
+        keywords = [node.name for node in classes(ast.parse((folder / name).read_text())) if node.keywords]
+        assert not keywords, name
 
 
 @pytest.mark.parametrize("missing", ["compiler", "package"])
@@ -175,6 +190,10 @@ def test_a_compiler_makes_it_whole_or_not_at_all(
     assert path.endswith(str(sysconfig.get_config_var("EXT_SUFFIX")))
     assert value == "3.0"
     assert not (folder / "contract").exists()
+    look = "import drivers.gate, drivers; print(drivers.gate.__file__, drivers.gate.NUMBER)"
+    path, value = subprocess.check_output([*command[:-1], look], env=both, text=True).split()
+    assert Path(path).parent == folder / "drivers"
+    assert value == "4"
     look = "from groundstation import plant, result; print(plant.__file__, result.__file__)"
     swift, plain = subprocess.check_output([*command[:-1], look], env=both, text=True).split()
     assert Path(swift).parent == folder / "groundstation"
