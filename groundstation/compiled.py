@@ -40,8 +40,8 @@ BYTES = {
     "mocap_bridge/mock": ("bodies",),
     "mocap_bridge/natnet": ("frame", "frame_encode"),
 }  # fmt: skip
-"""What takes most of the time of ``--wire``. None has a Struct, which mypyc does not know, or a class that families of
-drivers inherit from."""
+"""What takes most of the time of ``--wire``. None has a Struct, whose keywords mypyc drops without a word, or a class
+that families of drivers, which are not compiled, inherit from."""
 JOINT = '''"""Machine code of some modules; the others are where the sources are."""
 from importlib.util import find_spec
 from pathlib import Path

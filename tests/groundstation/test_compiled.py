@@ -190,7 +190,7 @@ def test_a_compiler_makes_it_whole_or_not_at_all(
     assert path.endswith(str(sysconfig.get_config_var("EXT_SUFFIX")))
     assert value == "3.0"
     assert not (folder / "contract").exists()
-    look = "import drivers.gate, drivers; print(drivers.gate.__file__, drivers.gate.NUMBER)"
+    look = "import drivers.gate; print(drivers.gate.__file__, drivers.gate.NUMBER)"
     path, value = subprocess.check_output([*command[:-1], look], env=both, text=True).split()
     assert Path(path).parent == folder / "drivers"
     assert value == "4"
