@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import cache
 
 Cell = tuple[int, int]
 
@@ -19,9 +20,15 @@ class Grid:
         """Of a place, x and y in metres first."""
         return (math.floor(place[0] / self._cell_m), math.floor(place[1] / self._cell_m))
 
-    def around(self, cell: Cell, rings: int = 1) -> list[str]:
-        """Everybody in the cell and in so many rings of cells about it."""
+    def within(self, cell: Cell, reach_m: float) -> list[str]:
+        """Everybody within that distance of any place in the cell, and more."""
         x, y = cell
         cells = self._cells
-        span = range(-rings, rings + 1)
-        return [name for i in span for j in span for name in cells.get((x + i, y + j), ())]
+        return [name for i, j in _disc(reach_m / self._cell_m) for name in cells.get((x + i, y + j), ())]
+
+
+@cache
+def _disc(reach: float) -> list[Cell]:
+    """Cells of which a place may be that near to one in cell (0, 0), in cells."""
+    span = range(-math.floor(reach) - 1, math.floor(reach) + 2)
+    return [(i, j) for i in span for j in span if math.hypot(max(0, abs(i) - 1), max(0, abs(j) - 1)) < reach]

@@ -90,7 +90,7 @@ class World:
             "act": lambda _, act: act(),
         }
         self._known_occupied = 0
-        self._vicinity = Vicinity(self.radius_m)
+        self._vicinity = Vicinity(self.radius_m, self.arena.control.max_speed_mps)
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
         self._hung: set[str] = set()

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from groundstation.grid import Grid
 
@@ -31,16 +31,18 @@ class Referee:
         self._radius_m = radius_m
         self._diameter_m = diameter_m
         self._touching: set[Pair] = set()
-        self._tree: list[Pair] = []
+        self._ties: dict[Pair, None] = {}
+        """Pairs within r_c at the last look that together join everybody in ``_joined``."""
         self._joined: list[str] = []
-        """Whom the tree joins."""
         self._crew: list[str] = []
         self._boxes: list[tuple[float, float, float, float]] = []
         """Where each of the crew may be, x low and high, y low and high, with nothing changed but what is watched."""
         self._close: list[Pair] = []
         """Pairs that may come nearer than any before, touch, or part."""
-        self._stretched: list[Pair] = []
-        """Edges of the tree that may tear."""
+        self._stretched: dict[Pair, None] = {}
+        """Ties that may tear."""
+        self._around: Callable[[str], list[str]] = lambda _: []
+        """Robots about one, and more, as they were when everybody was looked at."""
         self._all_pairs: tuple[list[str], list[Pair]] = ([], [])
         """The robots of the last look, where they were few, and every two of them."""
 
@@ -48,19 +50,21 @@ class Referee:
         """Judge one moment."""
         if self._calm(places):
             self._judge(self._close, places)
-            if self._holds(self._stretched, places):
+            if self._tied(self._stretched, places):
                 return
+            near = self._pairs(places)
         else:
             self._touching = {pair for pair in self._touching if self._touch(pair, places)}
-            self._judge(self._pairs(places), places)
+            near = self._pairs(places)
+            self._judge(near, places)
         self._crew = []
         if not self._connected(places):
             self.disconnected += 1
             return
         least_m = max(min(self.min_distance_m, NEAR_M), self._diameter_m) + DRIFT_M
-        self._close = [(a, b) for a, b in self._pairs(places) if math.dist(places[a], places[b]) < least_m]
+        self._close = [(a, b) for a, b in near if math.dist(places[a], places[b]) < least_m]
         taut_m = self._radius_m - DRIFT_M
-        self._stretched = [(a, b) for a, b in self._tree if math.dist(places[a], places[b]) > taut_m]
+        self._stretched = {(a, b): None for a, b in self._ties if math.dist(places[a], places[b]) > taut_m}
         self._crew = list(places)
         self._boxes = [(x - STIR_M, x + STIR_M, y - STIR_M, y + STIR_M) for x, y in places.values()]
 
@@ -83,7 +87,7 @@ class Referee:
             if square < NEAR_M * NEAR_M:
                 self._pair(pair, math.sqrt(square))
 
-    def _pairs(self, places: Places) -> Iterable[Pair]:
+    def _pairs(self, places: Places) -> list[Pair]:
         """Every two robots that may be near each other, in the order of ``places``."""
         names = list(places)
         if len(names) <= CROWD:
@@ -106,33 +110,59 @@ class Referee:
         first, second = pair
         return first in places and second in places and math.dist(places[first], places[second]) < self._diameter_m
 
-    def _holds(self, edges: Iterable[Pair], places: Places) -> bool:
+    def _tied(self, ties: dict[Pair, None], places: Places) -> bool:
+        """Whether all these hold, where two others through a third robot have taken the place of one that has torn."""
         radius_m = self._radius_m
-        return all(math.dist(places[a], places[b]) <= radius_m for a, b in edges)
+        torn = [(a, b) for a, b in ties if math.dist(places[a], places[b]) > radius_m]
+        for a, b in torn:
+            for third in self._around(a):
+                if max(math.dist(places[a], places[third]), math.dist(places[third], places[b])) <= radius_m:
+                    del self._ties[a, b]
+                    self._stretched.pop((a, b), None)
+                    self._ties.update(detour := {(a, third): None, (third, b): None})
+                    self._stretched.update(detour)
+                    break
+            else:
+                return False
+        return True
 
     def _connected(self, places: Places) -> bool:
-        """Whether the tree that joined them last still does, or another."""
+        """Whether the ties that joined them last still do, or others."""
         names = list(places)
-        if self._joined == names and self._holds(self._tree, places):
+        self._around = self._surroundings(places)
+        if self._joined == names and len(self._ties) < 2 * len(names) and self._tied(self._ties, places):
             return True
-        grid = Grid(places, self._radius_m) if len(names) > CROWD else None
-        inside, frontier, tree = {names[0]}, [names[0]], []
+        inside, frontier = {names[0]}, [names[0]]
+        ties: dict[Pair, None] = {}
         while frontier:
             first = frontier.pop()
-            for second in grid.around(grid.cell(places[first])) if grid is not None else names:
+            for second in self._around(first):
                 if second not in inside and math.dist(places[first], places[second]) <= self._radius_m:
                     inside.add(second)
                     frontier.append(second)
-                    tree.append((first, second))
+                    ties[first, second] = None
         whole = len(inside) == len(names)
-        self._tree, self._joined = tree, names if whole else []
+        self._ties, self._joined = ties, names if whole else []
         return whole
 
+    def _surroundings(self, places: Places) -> Callable[[str], list[str]]:
+        """Who may be within r_c of a robot until somebody has moved far."""
+        names = list(places)
+        if len(names) <= CROWD:
+            return lambda _: names
+        reach_m = self._radius_m + DRIFT_M
+        grid = Grid(places, reach_m)
+        cells = {name: grid.cell(place) for name, place in places.items()}
+        return lambda name: grid.within(cells[name], reach_m)
 
-def _near_pairs(names: list[str], places: Places) -> Iterator[Pair]:
-    grid = Grid(places, NEAR_M + DRIFT_M)
+
+def _near_pairs(names: list[str], places: Places) -> list[Pair]:
+    reach_m = NEAR_M + DRIFT_M
+    grid = Grid(places, reach_m)
     order = {name: k for k, name in enumerate(names)}
-    for first in names:
-        for second in grid.around(grid.cell(places[first])):
-            if order[first] < order[second]:
-                yield first, second
+    return [
+        (first, second)
+        for first in names
+        for second in grid.within(grid.cell(places[first]), reach_m)
+        if order[first] < order[second]
+    ]

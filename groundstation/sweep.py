@@ -171,7 +171,7 @@ def _failed(job: Job, ending: Literal["no scenario", "error"], why: str) -> Resu
 def local(jobs: list[Job], workers: int) -> Iterator[Result | None]:
     """Results in the order of the jobs; None now and then in between, so that progress can be shown."""
     if workers <= 1:
-        with _undisturbed():
+        with undisturbed():
             for job in jobs:
                 yield from kept(job)
                 gc.collect()
@@ -182,7 +182,7 @@ def local(jobs: list[Job], workers: int) -> Iterator[Result | None]:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def undisturbed() -> Iterator[None]:
     """Keep the garbage collector out of missions: it looks at what each leaves behind when it is over, at no more."""
     thresholds = gc.get_threshold()
     gc.freeze()
@@ -195,7 +195,7 @@ def _undisturbed() -> Iterator[None]:
 
 
 def _keep_undisturbed(job: Job) -> Result:
-    with _undisturbed():
+    with undisturbed():
         found = keep(job)
         gc.collect()
     return found

@@ -7,33 +7,38 @@ from msgspec.structs import replace
 
 from contract.messages import MocapFrame
 from groundstation.grid import Cell, Grid
+from onboard.sensing import FORGET_NS
 
 Pose = tuple[float, float, float]
 """x and y, m, and heading, rad, in the arena frame."""
 CROWD = 40
 """So many robots, or fewer, are given everything."""
 BEYOND_M = 0.8
-"""Words carry this much farther than r_c. Cells are r_c and this wide, and bodies show two cells far: a robot that is
-lost from sight there cannot come within r_c before it is forgotten."""
+"""Words carry this much farther than r_c."""
+CELL_M = 0.6
+"""Robots of one cell are shown the same bodies."""
 
 
 class Vicinity:
     """Robots by where they truly were at the last frame."""
 
-    def __init__(self, radius_m: float) -> None:
+    def __init__(self, radius_m: float, speed_mps: float) -> None:
+        """:param speed_mps: of the fastest robot: where a body was last shown, no robot comes within r_c of that place
+        before the body is forgotten."""
         self._radius_m = radius_m
+        self._shown_m = radius_m + speed_mps * FORGET_NS * 1e-9
         self._grid: Grid | None = None
 
     def shown(self, frame: MocapFrame, places: Mapping[str, Pose]) -> dict[str, MocapFrame]:
         """For each robot the frame with the bodies around it; robots of one cell share it."""
-        grid = self._grid = Grid(places, max(1.0, self._radius_m) + BEYOND_M)
+        grid = self._grid = Grid(places, CELL_M)
         bodies = {body.robot: body for body in frame.bodies}
         frames: dict[Cell, MocapFrame] = {}
         shown = {}
         for name, place in places.items():
             cell = grid.cell(place)
             if cell not in frames:
-                near = tuple(bodies[other] for other in grid.around(cell, 2) if other in bodies)
+                near = tuple(bodies[other] for other in grid.within(cell, self._shown_m) if other in bodies)
                 frames[cell] = replace(frame, bodies=near)
             shown[name] = frames[cell]
         return shown
@@ -43,5 +48,6 @@ class Vicinity:
         if self._grid is None:
             return everybody
         place = pose(sender)[:2]
-        near = self._grid.around(self._grid.cell(place))
-        return [name for name in near if math.dist(place, pose(name)[:2]) <= self._radius_m + BEYOND_M]
+        reach_m = self._radius_m + BEYOND_M
+        near = self._grid.within(self._grid.cell(place), reach_m)
+        return [name for name in near if math.dist(place, pose(name)[:2]) <= reach_m]

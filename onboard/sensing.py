@@ -34,29 +34,33 @@ MOST_LEFT: Final = 4
 
 @dataclass(slots=True)
 class Track:
-    """Valid poses of one body: the newest, and the one its velocity is counted from."""
+    """Valid poses of one body: the newest, and the two its velocity is counted from."""
 
+    body: BodyPose
     stamp_ns: int
-    x_m: float
-    y_m: float
+    base: BodyPose
     base_ns: int
-    base_x_m: float
-    base_y_m: float
-    vx_mps: float = 0.0
-    vy_mps: float = 0.0
-    resets: int = 0
+    before: BodyPose | None = None
+    """The base before; None: it is not known yet how fast it moves."""
+    before_ns: int = 0
 
-    def extend(self, stamp_ns: int, x_m: float, y_m: float) -> None:
-        """Take a newer valid position."""
-        span_ns = stamp_ns - self.base_ns
+    def extend(self, body: BodyPose, stamp_ns: int) -> None:
+        """Take a newer valid pose."""
         if stamp_ns < self.stamp_ns or stamp_ns - self.stamp_ns > 10 * VELOCITY_BASE_NS:
-            self.vx_mps = self.vy_mps = 0.0
-            self.base_ns, self.base_x_m, self.base_y_m = stamp_ns, x_m, y_m
-        elif span_ns >= VELOCITY_BASE_NS:
-            span_s = span_ns * 1e-9
-            self.vx_mps, self.vy_mps = (x_m - self.base_x_m) / span_s, (y_m - self.base_y_m) / span_s
-            self.base_ns, self.base_x_m, self.base_y_m = stamp_ns, x_m, y_m
-        self.stamp_ns, self.x_m, self.y_m = stamp_ns, x_m, y_m
+            self.before = None
+            self.base, self.base_ns = body, stamp_ns
+        elif stamp_ns - self.base_ns >= VELOCITY_BASE_NS:
+            self.before, self.before_ns = self.base, self.base_ns
+            self.base, self.base_ns = body, stamp_ns
+        self.body, self.stamp_ns = body, stamp_ns
+
+    def velocity(self) -> tuple[float, float]:
+        """vx and vy, m/s."""
+        base, before = self.base, self.before
+        if before is None:
+            return (0.0, 0.0)
+        span_s = (self.base_ns - self.before_ns) * 1e-9
+        return ((base.x_m - before.x_m) / span_s, (base.y_m - before.y_m) / span_s)
 
 
 class Sensing:
@@ -112,11 +116,14 @@ class Sensing:
             elif not body.valid:
                 continue
             elif (track := others.get(name)) is not None:
-                if body.resets != track.resets or stamp_ns - track.stamp_ns > GAP_NS:
+                if body.resets != track.body.resets or stamp_ns - track.stamp_ns > GAP_NS:
                     track = self._come_back(track, body, stamp_ns, name in linked)
-                track.extend(stamp_ns, body.x_m, body.y_m)
+                if stamp_ns < track.stamp_ns or stamp_ns - track.base_ns >= VELOCITY_BASE_NS:
+                    track.extend(body, stamp_ns)
+                else:
+                    track.body, track.stamp_ns = body, stamp_ns
             else:
-                others[name] = _track(body, stamp_ns)
+                others[name] = Track(body, stamp_ns, body, stamp_ns)
         return mine
 
     def _see_own(self, pose: Pose, stamp_ns: int) -> None:
@@ -128,13 +135,13 @@ class Sensing:
 
     def _come_back(self, track: Track, body: BodyPose, stamp_ns: int, linked: bool) -> Track:
         """The track to go on with; after a jump the old place is kept."""
-        gap_ns, track.resets = stamp_ns - track.stamp_ns, body.resets
-        step_m = math.hypot(body.x_m - track.x_m, body.y_m - track.y_m)
+        gap_ns, was = stamp_ns - track.stamp_ns, track.body
+        step_m = math.hypot(body.x_m - was.x_m, body.y_m - was.y_m)
         if step_m <= ROLL_FACTOR * self._speed_mps * gap_ns * 1e-9 + self._margin_m:
             return track
         if linked or gap_ns <= FORGET_NS:
             self._left[body.robot] = [*self._left.get(body.robot, ()), (track, linked)][-MOST_LEFT:]
-        fresh = self._others[body.robot] = _track(body, stamp_ns)
+        fresh = self._others[body.robot] = Track(body, stamp_ns, body, stamp_ns)
         return fresh
 
     def left(self, now_ns: int, excluded: Collection[str]) -> list[Left]:
@@ -160,8 +167,8 @@ class Sensing:
         if self._own is None:
             return []
         (x, y, _), _ = self._own
-        seen = ((name, self._others.get(name)) for name in robots)
-        return [name for name, at in seen if at and math.hypot(at.x_m - x, at.y_m - y) > self._radius_m]
+        seen = ((name, self._others[name].body) for name in robots if name in self._others)
+        return [name for name, at in seen if math.hypot(at.x_m - x, at.y_m - y) > self._radius_m]
 
     def own(self) -> tuple[Pose, int] | None:
         """Own last valid pose and the exposure time of the last frame with it, site ns."""
@@ -187,7 +194,7 @@ class Sensing:
         own, other = self._own, self._others.get(robot)
         if own is None or other is None:
             return False
-        there = (other.x_m, other.y_m)
+        there = (other.body.x_m, other.body.y_m)
         if other.stamp_ns < self._newest_ns:
             if told is None:
                 return True
@@ -225,17 +232,17 @@ class Sensing:
         radius_m, newest_ns, within = self._radius_m, self._newest_ns, self._within
         result = {}
         for name, track in self._others.items():
-            x, y = track.x_m, track.y_m
-            stamp_ns = track.stamp_ns
+            body, stamp_ns = track.body, track.stamp_ns
+            x, y = body.x_m, body.y_m
             if math.hypot(own_x - x, own_y - y) <= radius_m or (stamp_ns < newest_ns and name in linked):
                 age_ns = now_ns - stamp_ns
                 if age_ns <= FORGET_NS or name in linked:
                     age_s = age_ns * 1e-9 if age_ns > 0 else 0.0
-                    seen = (x, y, track.vx_mps, track.vy_mps, age_s, stamp_ns >= newest_ns)
+                    seen = (x, y, *track.velocity(), age_s, stamp_ns >= newest_ns)
                     result[name] = record(Sighted, seen)
                     if name in linked:
                         within[name] = (seen, now_ns)
-            elif name in linked and name in within:
+            elif name in within and name in linked:
                 (x, y, vx, vy, age_s, _), then_ns = within[name]
                 result[name] = Sighted(x, y, vx, vy, age_s + (now_ns - then_ns) * 1e-9, False)
         return result
@@ -269,14 +276,9 @@ class Sensing:
         return result
 
 
-def _track(body: BodyPose, stamp_ns: int) -> Track:
-    x_m, y_m = body.x_m, body.y_m
-    return Track(stamp_ns, x_m, y_m, stamp_ns, x_m, y_m, resets=body.resets)
-
-
 def _sighted(track: Track, now_ns: int) -> Sighted:
     age_s = max(0.0, (now_ns - track.stamp_ns) * 1e-9)
-    return Sighted(track.x_m, track.y_m, track.vx_mps, track.vy_mps, age_s, False)
+    return Sighted(track.body.x_m, track.body.y_m, *track.velocity(), age_s, False)
 
 
 def without_targets(state: NeighbourState) -> NeighbourState:

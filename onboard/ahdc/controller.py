@@ -64,9 +64,6 @@ class Controller:
         """The operator has taken this robot itself out of the network."""
         self._seq = 0
         self._last_sighting = -1
-        self._open: dict[int, Vector] = {}
-        self._open_targets: list[Target] = []
-        """The open targets of ``_open``, by index, as they are told."""
         self._mail: list[tuple[int, LinkMessage]] = []
         self._states: list[Link] = []
         """Of all links that there have been, when :meth:`link_states` was asked last."""
@@ -228,19 +225,11 @@ class Controller:
     def _sightings(self) -> tuple[Target, ...]:
         if not self.parameters.share_sightings:
             return ()
-        known = self.tasking.memory.open()
-        if known is not self._open:
-            self._open = known
-            self._open_targets = [
-                Target(index=k, x_m=metres(known[k][0]), y_m=metres(known[k][1])) for k in sorted(known)
-            ]
-        targets = self._open_targets
-        start = 0
-        while start < len(targets) and targets[start].index <= self._last_sighting:
-            start += 1
-        told = tuple(targets[start : start + SIGHTINGS_A_MESSAGE] or targets[:SIGHTINGS_A_MESSAGE])
-        self._last_sighting = told[-1].index if told else -1
-        return told
+        memory = self.tasking.memory
+        told = memory.after(self._last_sighting, SIGHTINGS_A_MESSAGE)
+        self._last_sighting = told[-1] if told else -1
+        places = [(index, memory.open[index]) for index in told]
+        return tuple(Target(index=index, x_m=metres(x), y_m=metres(y)) for index, (x, y) in places)
 
     def _post(self) -> tuple[LinkMessage, ...]:
         if self.field is None:

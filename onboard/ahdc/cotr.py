@@ -10,7 +10,7 @@ Target choice, yielding and the indicator are pure functions of what one robot k
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -114,6 +114,7 @@ def _excess_m(gaps_m: list[float], table_m: list[list[float]], free_m: float) ->
 def reachable_target(
     own: Vector,
     targets: Mapping[int, Vector],
+    options: Iterable[tuple[float, int]],
     anchors: Sequence[Vector],
     link_radius_m: float,
     middle: Vector | None = None,
@@ -123,20 +124,26 @@ def reachable_target(
     l: edges of the tree it would stretch; d_other: from it to the nearest other robot, d_middle: to the middle of all
     open targets: what another is nearer to is left to that one, and what lies outside is not left for the end.
 
-    ``anchors`` are where the neighbours will be: their claimed targets, else their positions.
-    The nearest come first, since none costs less than its distance less the most that lying outside counts.
+    ``options`` are d and index of those it may choose of ``targets``, the nearest first; ``anchors`` are where the
+    neighbours will be: their claimed targets, else their positions. The search ends where no farther target can cost
+    less: d_middle is at most d + the own way to the middle, and the tree has an edge to the target, at least as long as
+    from it to the farthest anchor's distance.
     """
     free_m = REACHABLE_SHARE * link_radius_m
     table = _table(anchors)
-    outside = {k: 0.0 if middle is None else OUTSIDE_SHARE * math.dist(point, middle) for k, point in targets.items()}
-    most_m = max(outside.values(), default=0.0)
+    outside_m = 0.0 if middle is None else math.dist(own, middle)
+    bound_m = free_m + max((math.dist(own, anchor) for anchor in anchors), default=math.inf)
     best: tuple[float, int] | None = None
-    for distance_m, index in sorted((math.dist(own, point), index) for index, point in targets.items()):
-        if best is not None and distance_m - most_m > best[0]:
-            break
-        gaps = [math.dist(targets[index], anchor) for anchor in anchors]
+    for distance_m, index in options:
+        if best is not None:
+            least = distance_m + STRETCH_COST * max(0.0, distance_m - bound_m)
+            if least - (0.0 if middle is None else OUTSIDE_SHARE * (distance_m + outside_m)) > best[0]:
+                break
+        place = targets[index]
+        gaps = [math.dist(place, anchor) for anchor in anchors]
         farther_m = distance_m - min(gaps, default=distance_m)
-        value = distance_m + STRETCH_COST * _excess_m(gaps, table, free_m) - outside[index]
+        outside = 0.0 if middle is None else OUTSIDE_SHARE * math.dist(place, middle)
+        value = distance_m + STRETCH_COST * _excess_m(gaps, table, free_m) - outside
         cost = (value + OTHERS_SHARE * farther_m if farther_m > 0.0 else value, index)
         if best is None or cost < best:
             best = cost

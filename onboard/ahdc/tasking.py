@@ -5,6 +5,7 @@ The ``field`` profile adds memory, choice by reachability, yielding, the hop gra
 """
 
 import math
+from collections.abc import Iterator
 from typing import Final
 
 from contract.messages import Help, NeighbourState
@@ -127,7 +128,7 @@ class Tasking:
         if view.targets:
             self.cloud_seen = True
         if self._field:
-            self._visible = memory.open()
+            self._visible = memory.open
             if requests or self.assist.heard is not None:
                 taut = [name for name, _ in requests if self._taut(view, name)]
                 self.assist.listen(requests, self._left_m(view), view.now_s, taut)
@@ -224,26 +225,28 @@ class Tasking:
         """The target to go for; a helper may take one nearer than ``within_m``, the way left to the one that asks."""
         if not self._field:
             return nearest_target(own, self._visible)
-        now_s, claims = view.now_s, self.book.claims(view.heard, view.sighted, view.now_s)
-        claimed = {claim.target for claim in claims}
-        wait_m = self.hold_left_s(now_s) * self._parameters.max_speed_mps
-        options = {
-            k: p
-            for k, p in self._visible.items()
-            if self._blocked_until.get(k, -1.0) <= now_s
-            and math.dist(own, p) < within_m
-            and not (k in claimed and yields(self.robot, math.dist(own, p) + wait_m, claims, k))
-        }
-        if len(options) < 2:
-            return next(iter(options), None)
+        if not self._visible:
+            return None
         anchors = []
         for name, sighted in view.sighted.items():
             heard = view.heard.get(name)
             claim_at = None if heard is None else heard.state.claim_at
             anchors.append(sighted[:2] if claim_at is None else claim_at)
-        places = self._visible.values()
-        middle = (sum(p[0] for p in places) / len(places), sum(p[1] for p in places) / len(places))
-        return reachable_target(own, options, anchors, self._parameters.link_radius_m, middle)
+        options, middle = self._options(view, own, within_m), self.memory.middle()
+        return reachable_target(own, self._visible, options, anchors, self._parameters.link_radius_m, middle)
+
+    def _options(self, view: View, own: Vector, within_m: float) -> Iterator[tuple[float, int]]:
+        """Distance and index of the open targets that are neither given up for a while nor better left to another."""
+        now_s, claims = view.now_s, self.book.claims(view.heard, view.sighted, view.now_s)
+        claimed = {claim.target for claim in claims}
+        wait_m = self.hold_left_s(now_s) * self._parameters.max_speed_mps
+        for distance_m, index in self.memory.nearest(own):
+            if distance_m >= within_m:
+                return
+            if self._blocked_until.get(index, -1.0) <= now_s and not (
+                index in claimed and yields(self.robot, distance_m + wait_m, claims, index)
+            ):
+                yield distance_m, index
 
     def _goal(self, view: View, own: Vector) -> Goal | None:
         if self.task is Task.TRACKING:

@@ -24,18 +24,20 @@ def named(points: list[tuple[float, float]]) -> dict[str, tuple[float, float]]:
     return {f"r{k:02d}": point for k, point in enumerate(points)}
 
 
-@given(places, st.floats(0.3, 2.0), st.integers(0, 2))
-def test_nobody_within_so_many_cells_is_left_out(points: list[tuple[float, float]], cell_m: float, rings: int) -> None:
+@given(places, st.floats(0.3, 2.0), st.floats(0.1, 4.0))
+def test_nobody_within_reach_of_a_cell_is_left_out(
+    points: list[tuple[float, float]], cell_m: float, reach_m: float
+) -> None:
     swarm = named(points)
     grid = Grid(swarm, cell_m)
     for name, place in swarm.items():
-        around = grid.around(grid.cell(place), rings)
-        assert len(set(around)) == len(around)
+        found = grid.within(grid.cell(place), reach_m)
+        assert len(set(found)) == len(found)
         for other, there in swarm.items():
-            if other == name or math.dist(place, there) < rings * cell_m:
-                assert other in around
-            if math.dist(place, there) > (rings + 1) * cell_m * math.sqrt(2):
-                assert other not in around
+            if other == name or math.dist(place, there) < reach_m:
+                assert other in found
+            if math.dist(place, there) > reach_m + 2 * math.sqrt(2) * cell_m:
+                assert other not in found
 
 
 def judged(walk: list[dict[str, tuple[float, float]]]) -> tuple[int, int, float]:
@@ -94,6 +96,35 @@ def test_the_referee_misses_nothing_between_two_looks_at_everybody(
         assert (referee.disconnected, referee.collisions) == (partings, collisions)
         assert referee.min_distance_m == pytest.approx(least_m, abs=1e-12)
     assert collisions or partings
+
+
+@pytest.mark.parametrize("crowd", [0, 40])
+def test_a_way_round_a_torn_tie_is_watched_like_the_tie(crowd: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(referees, "CROWD", crowd)
+    referee = Referee(1.0, 0.14)
+    referee.look({"a": (0.0, 0.0), "b": (0.99, 0.0), "c": (0.5, 0.862)})
+    referee.look({"a": (0.0, 0.0), "b": (1.005, 0.0), "c": (0.5, 0.862)})
+    assert not referee.disconnected, "a and b by way of c"
+    referee.look({"a": (0.0, 0.0), "b": (1.005, 0.0), "c": (0.48, 0.87)})
+    assert referee.disconnected == 1, "b is out of reach of both"
+
+
+def test_the_work_of_the_referee_grows_with_the_crowd_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a larger crowd more ties tear: each is made good where it tears, not by a look at everybody."""
+
+    def looks_at_everybody(robots: int) -> int:
+        rng, referee = random.Random(1), Referee(1.0, 0.14)
+        spots = {f"r{k:04d}": (0.65 * (k % 12), 0.65 * (k // 12)) for k in range(robots)}
+        looks = []
+        everybody = Referee._surroundings
+        monkeypatch.setattr(Referee, "_surroundings", lambda me, places: looks.append(1) or everybody(me, places))
+        for _ in range(40):
+            referee.look({n: (x + rng.uniform(0, 0.028), y + rng.uniform(0, 0.028)) for n, (x, y) in spots.items()})
+        monkeypatch.undo()
+        assert not referee.disconnected
+        return len(looks)
+
+    assert looks_at_everybody(48) == looks_at_everybody(480) == 1
 
 
 def test_a_mission_is_the_same_where_robots_are_given_only_what_is_near(monkeypatch: pytest.MonkeyPatch) -> None:

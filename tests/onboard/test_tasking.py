@@ -66,7 +66,7 @@ def test_a_robot_that_may_not_move_learns_but_chooses_nothing() -> None:
     tasking = fielded()
     assert tasking.update(look(targets={4: BESIDE}, may_move=False)) is None
     assert tasking.task is Task.FREE
-    assert tasking.memory.open() == {4: BESIDE}
+    assert tasking.memory.open == {4: BESIDE}
     assert not tasking.indicator, "nobody leads others to a target that it does not track"
 
 

@@ -9,6 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+import onboard.ahdc.memory as memories
 from contract.messages import Help, NeighbourState
 from onboard.ahdc.assist import LIMIT_S, OPEN_S, PATIENCE_S, Assist
 from onboard.ahdc.cotr import TIE_M, Claim, Task, reachable_target, spanning_excess_m, yields
@@ -57,45 +58,57 @@ def test_the_spanning_excess_is_that_of_the_shortest_tree(cloud: list[tuple[floa
     assert spanning_excess_m(cloud, free) == pytest.approx(excess, abs=1e-9)
 
 
+def reachable(
+    own: tuple[float, float],
+    targets: dict[int, tuple[float, float]],
+    anchors: list[tuple[float, float]],
+    radius_m: float,
+    middle: tuple[float, float] | None = None,
+) -> int | None:
+    """The choice among all of them."""
+    options = sorted((math.dist(own, place), index) for index, place in targets.items())
+    return reachable_target(own, targets, options, anchors, radius_m, middle)
+
+
 def test_where_no_target_is_open_none_is_chosen() -> None:
-    assert reachable_target((0.0, 0.0), {}, [(1.0, 0.0)], 0.98) is None
+    assert reachable((0.0, 0.0), {}, [(1.0, 0.0)], 0.98) is None
 
 
 def test_of_targets_that_cost_the_same_the_one_of_lower_index_is_chosen() -> None:
     outer, inner = (-1.5, 0.0), (0.5, 0.0)
-    assert reachable_target((0.0, 0.0), {0: outer, 1: inner}, [], 0.98, inner) == 0
-    assert reachable_target((0.0, 0.0), {1: outer, 0: inner}, [], 0.98, inner) == 0
+    assert reachable((0.0, 0.0), {0: outer, 1: inner}, [], 0.98, inner) == 0
+    assert reachable((0.0, 0.0), {1: outer, 0: inner}, [], 0.98, inner) == 0
 
 
 def test_a_target_is_no_better_for_being_far_from_the_others() -> None:
     targets = {0: (0.4, 0.0), 1: (-0.45, 0.0), 2: (-0.025, -3.0)}
     as_far_from_both = (-0.025, 0.0)
-    assert reachable_target((0.0, 0.0), targets, [(0.1, 0.6)], 0.98, as_far_from_both) == 0
+    assert reachable((0.0, 0.0), targets, [(0.1, 0.6)], 0.98, as_far_from_both) == 0
 
 
 @given(st.dictionaries(st.integers(0, 20), points, min_size=1), points)
 def test_without_anchors_the_nearest_target_is_chosen(
     targets: dict[int, tuple[float, float]], own: tuple[float, float]
 ) -> None:
-    chosen = reachable_target(own, targets, [], 0.98)
+    chosen = reachable(own, targets, [], 0.98)
     assert all(math.dist(own, targets[chosen]) <= math.dist(own, p) for p in targets.values())
 
 
 def test_a_target_that_stretches_the_swarm_costs_more_than_a_farther_one_within_it() -> None:
     anchors = [(0.0, 0.0), (0.0, 0.8)]
-    assert reachable_target((0.5, 0.4), {0: (1.4, 0.4), 1: (-0.6, 0.4)}, anchors, 0.98) == 1
+    assert reachable((0.5, 0.4), {0: (1.4, 0.4), 1: (-0.6, 0.4)}, anchors, 0.98) == 1
 
 
 def test_a_target_that_another_will_be_nearer_to_is_left_to_it() -> None:
     targets = {0: (0.4, 0.0), 1: (-0.45, 0.0)}
-    assert reachable_target((0.0, 0.0), targets, [], 0.98) == 0
-    assert reachable_target((0.0, 0.0), targets, [(0.4, 0.0)], 0.98) == 1
-    assert reachable_target((0.0, 0.0), targets, [(0.4, 0.0), (-0.45, 0.1)], 0.98) == 0
+    assert reachable((0.0, 0.0), targets, [], 0.98) == 0
+    assert reachable((0.0, 0.0), targets, [(0.4, 0.0)], 0.98) == 1
+    assert reachable((0.0, 0.0), targets, [(0.4, 0.0), (-0.45, 0.1)], 0.98) == 0
 
 
 def test_of_two_targets_the_outer_is_taken_first_unless_it_is_much_farther() -> None:
     def chosen(outer_m: float) -> int | None:
-        return reachable_target((0.0, 0.0), {0: (0.3, 0.0), 1: (-outer_m, 0.0)}, [], 0.98, (1.0, 0.0))
+        return reachable((0.0, 0.0), {0: (0.3, 0.0), 1: (-outer_m, 0.0)}, [], 0.98, (1.0, 0.0))
 
     assert chosen(0.5) == 1
     assert chosen(0.8) == 1
@@ -122,7 +135,7 @@ def test_the_search_that_ends_early_finds_the_least_cost(
         stretch = spanning_excess_m([place, *anchors], 0.9 * radius)
         return math.dist(own, place) + 2 * stretch + 0.6 * farther - 0.5 * math.dist(place, middle)
 
-    chosen = reachable_target(own, targets, anchors, radius, middle)
+    chosen = reachable(own, targets, anchors, radius, middle)
     assert cost(chosen) == pytest.approx(min(cost(k) for k in targets), abs=1e-9)
 
 
@@ -151,7 +164,7 @@ def test_memory_keeps_what_was_seen_until_it_is_occupied() -> None:
     memory.see(3, (1.0, 2.0))
     memory.see(4, (2.0, 2.0))
     memory.merge(1 << 3)
-    assert memory.open() == {4: (2.0, 2.0)}
+    assert memory.open == {4: (2.0, 2.0)}
 
 
 def test_help_is_asked_for_after_the_patience_and_given_up_after_the_limit() -> None:
@@ -411,20 +424,73 @@ def test_a_free_robot_stands_between_those_that_pull(
 
 def test_what_is_open_follows_what_is_seen_and_what_is_occupied() -> None:
     memory = TargetMemory()
-    assert memory.open() == {}
+    assert memory.open == {}
     memory.see(3, (1.0, 2.0))
-    assert memory.open() == {3: (1.0, 2.0)}
+    assert memory.open == {3: (1.0, 2.0)}
     memory.see(3, (1.5, 2.0))
-    assert memory.open() == {3: (1.5, 2.0)}
+    assert memory.open == {3: (1.5, 2.0)}
     memory.see_all({3: (1.5, 2.0), 5: (0.0, 1.0)})
-    known = memory.open()
-    assert known == {3: (1.5, 2.0), 5: (0.0, 1.0)}
-    memory.see_all({3: (1.5, 2.0)})
-    memory.see(5, (0.0, 1.0))
+    assert memory.open == {3: (1.5, 2.0), 5: (0.0, 1.0)}
     memory.merge(0)
-    assert memory.open() is known, "nothing new: what is told of it need not be made anew"
     memory.occupy(3)
-    assert memory.open() == {5: (0.0, 1.0)}
+    assert memory.open == {5: (0.0, 1.0)}
+    memory.see(3, (2.0, 2.0))
+    assert memory.open == {5: (0.0, 1.0)}
     memory.merge(1 << 5)
-    assert memory.open() == {}
+    assert memory.open == {}
     assert to_hex(0) == ""
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), points) | st.sets(st.integers(0, 30), max_size=3), max_size=40),
+    points,
+    st.integers(-1, 30),
+)
+@pytest.mark.parametrize(("few", "rings"), [(0, 1), (0, 2), (4, memories.RINGS), (memories.FEW, memories.RINGS)])
+def test_what_is_asked_of_memory_is_what_a_look_at_all_of_it_gives(
+    few: int, rings: int, events: list[tuple[int, tuple[float, float]] | set[int]], own: tuple[float, float], last: int
+) -> None:
+    """Targets seen, seen elsewhere, occupied, occupied before they are seen."""
+    memory, known, occupied = TargetMemory(), {}, set()
+    for event in events:
+        if isinstance(event, set):
+            memory.merge(sum(1 << index for index in event))
+            occupied |= event
+        else:
+            memory.see(*event)
+            known[event[0]] = event[1]
+    left = {index: place for index, place in known.items() if index not in occupied}
+    assert memory.open == left
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(memories, "FEW", few)
+        patch.setattr(memories, "RINGS", rings)
+        assert list(memory.nearest(own)) == sorted((math.dist(own, place), index) for index, place in left.items())
+    assert memory.after(last, 3) == (sorted(k for k in left if k > last)[:3] or sorted(left)[:3])
+    if left:
+        xs, ys = zip(*left.values(), strict=True)
+        assert memory.middle() == pytest.approx((sum(xs) / len(xs), sum(ys) / len(ys)), abs=1e-5)
+
+
+def test_the_middle_of_targets_told_over_the_wire_is_exact() -> None:
+    memory = TargetMemory()
+    memory.see_all({0: (0.1, 0.2), 1: (9.0, 9.0), 2: (0.5, 0.4)})
+    memory.occupy(1)
+    assert memory.middle() == (0.3, 0.3)
+
+
+def test_a_look_for_the_nearest_of_many_targets_is_no_look_at_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither does the choice by reachability look far: what lies far away stretches the swarm."""
+    memory = TargetMemory()
+    for index in range(2500):
+        memory.see(index, (0.5 * (index % 50), 0.5 * (index // 50)))
+    looked: list[int] = []
+    ring = TargetMemory._ring
+    monkeypatch.setattr(
+        TargetMemory, "_ring", lambda me, *cell: (looked.append(index) or index for index in ring(me, *cell))
+    )
+    own, anchors = (20.2, 12.1), [(20.7, 12.1), (20.2, 11.5)]
+    assert list(memory.nearest(own)) == sorted((math.dist(own, place), index) for index, place in memory.open.items())
+    looked.clear()
+    chosen = reachable_target(own, memory.open, memory.nearest(own), anchors, 0.98, memory.middle())
+    assert chosen == reachable(own, memory.open, anchors, 0.98, memory.middle())
+    assert 0 < len(looked) < 120
