@@ -37,6 +37,7 @@ from onboard.agent import Agent
 from onboard.ahdc.stopping import Brake
 from onboard.journal import JournalledAgent
 from onboard.odometry import Pose
+from onboard.sensing import FORGET_NS
 
 SUBSTEP_NS = 2_000_000
 """Motion is integrated and the network and distances are checked this often."""
@@ -90,7 +91,7 @@ class World:
             "act": lambda _, act: act(),
         }
         self._known_occupied = 0
-        self._vicinity = Vicinity(self.radius_m, self.arena.control.max_speed_mps)
+        self._vicinity = Vicinity(self.radius_m, self.arena.control.max_speed_mps * FORGET_NS * 1e-9)
         self._phase_ns: dict[str, float] = {}
         self._ran_ns: dict[str, int] = {}
         self._hung: set[str] = set()

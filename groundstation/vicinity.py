@@ -7,7 +7,6 @@ from msgspec.structs import replace
 
 from contract.messages import MocapFrame
 from groundstation.grid import Cell, Grid
-from onboard.sensing import FORGET_NS
 
 Pose = tuple[float, float, float]
 """x and y, m, and heading, rad, in the arena frame."""
@@ -22,11 +21,11 @@ CELL_M = 0.6
 class Vicinity:
     """Robots by where they truly were at the last frame."""
 
-    def __init__(self, radius_m: float, speed_mps: float) -> None:
-        """:param speed_mps: of the fastest robot: where a body was last shown, no robot comes within r_c of that place
-        before the body is forgotten."""
+    def __init__(self, radius_m: float, forgotten_m: float) -> None:
+        """:param forgotten_m: the way of the fastest robot until it forgets a body: till then it comes not within r_c
+        of where that was last shown."""
         self._radius_m = radius_m
-        self._shown_m = radius_m + speed_mps * FORGET_NS * 1e-9
+        self._shown_m = radius_m + forgotten_m
         self._grid: Grid | None = None
 
     def shown(self, frame: MocapFrame, places: Mapping[str, Pose]) -> dict[str, MocapFrame]:
