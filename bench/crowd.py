@@ -2,10 +2,10 @@
 
     ./kit exec python bench/crowd.py [--robots N ...] [--after S ...] [--seconds S] [--json FILE]
 
-Robots on a grid 0.65 m wide, as many targets among them, virtual time under ideal conditions and
-without the garbage collector, as ``simulate`` plays. Per number of robots,
-so long after the start (later on, robots know of more and more targets):
-CPU time per robot step, in it that of the agent's own step and of its thinking, and what the world needs to come up.
+Robots on a grid 0.65 m wide, as many targets among them, virtual time under ideal conditions and without the garbage
+collector, as ``simulate`` plays. Per number of robots, so long after the start (later on robots know of more and more
+targets, and crowd): neighbours and targets known, CPU time per robot step, in it that of the agent's own step and of
+its thinking, and what the world needs to come up.
 Linear in the number of robots is where the time a step stays the same.
 """
 
@@ -92,13 +92,13 @@ def measured(robots: int, after: Sequence[float], seconds: float) -> Iterator[di
             for name, call in calls.items():
                 setattr(Agent, name, call)
         steps = counted["step"]
-        agents = world.agents.values()
-        near = [len(agent.sensing.sighted(agent.sensing.own()[0], world.now_ns)) for agent in agents]  # type: ignore[index]
+        agents = world.agents
+        near = [len(agent.sensing.sighted(world.hops.pose(name), world.now_ns)) for name, agent in agents.items()]
         yield {
             "robots": robots,
             "after_s": after_s,
             "neighbours": round(sum(near) / robots, 1),
-            "known": round(sum(len(agent.controller.tasking.memory.known) for agent in agents) / robots),
+            "known": round(sum(len(agent.controller.tasking.memory.known) for agent in agents.values()) / robots),
             "all_us": round(all_ns / steps / 1e3, 1),
             "step_us": round(spent["step"] / steps / 1e3, 1),
             "think_us": round(spent["think"] / steps / 1e3, 1),

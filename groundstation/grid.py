@@ -28,7 +28,7 @@ class Grid:
 
 
 @cache
-def _disc(reach: float) -> list[Cell]:
+def _disc(reach: float) -> tuple[Cell, ...]:
     """Cells of which a place may be that near to one in cell (0, 0), in cells."""
     span = range(-math.floor(reach) - 1, math.floor(reach) + 2)
-    return [(i, j) for i in span for j in span if math.hypot(max(0, abs(i) - 1), max(0, abs(j) - 1)) < reach]
+    return tuple((i, j) for i in span for j in span if math.hypot(max(0, abs(i) - 1), max(0, abs(j) - 1)) < reach)

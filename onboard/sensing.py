@@ -120,7 +120,7 @@ class Sensing:
                     track = self._come_back(track, body, stamp_ns, name in linked)
                 if stamp_ns < track.stamp_ns or stamp_ns - track.base_ns >= VELOCITY_BASE_NS:
                     track.extend(body, stamp_ns)
-                else:
+                else:  # most frames: the base stays
                     track.body, track.stamp_ns = body, stamp_ns
             else:
                 others[name] = Track(body, stamp_ns, body, stamp_ns)

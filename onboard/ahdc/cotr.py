@@ -126,24 +126,24 @@ def reachable_target(
 
     ``options`` are d and index of those it may choose of ``targets``, the nearest first; ``anchors`` are where the
     neighbours will be: their claimed targets, else their positions. The search ends where no farther target can cost
-    less: d_middle is at most d + the own way to the middle, and the tree has an edge to the target, at least as long as
-    from it to the farthest anchor's distance.
+    less: d_middle is at most d and the robot's own way to the middle, and the tree has an edge to the target that is no
+    shorter than d less the robot's way to the farthest anchor.
     """
     free_m = REACHABLE_SHARE * link_radius_m
     table = _table(anchors)
-    outside_m = 0.0 if middle is None else math.dist(own, middle)
+    share, centre = (0.0, own) if middle is None else (OUTSIDE_SHARE, middle)
+    centre_m = math.dist(own, centre)
     bound_m = free_m + max((math.dist(own, anchor) for anchor in anchors), default=math.inf)
     best: tuple[float, int] | None = None
     for distance_m, index in options:
         if best is not None:
             least = distance_m + STRETCH_COST * max(0.0, distance_m - bound_m)
-            if least - (0.0 if middle is None else OUTSIDE_SHARE * (distance_m + outside_m)) > best[0]:
+            if least - share * (distance_m + centre_m) > best[0]:
                 break
         place = targets[index]
         gaps = [math.dist(place, anchor) for anchor in anchors]
         farther_m = distance_m - min(gaps, default=distance_m)
-        outside = 0.0 if middle is None else OUTSIDE_SHARE * math.dist(place, middle)
-        value = distance_m + STRETCH_COST * _excess_m(gaps, table, free_m) - outside
+        value = distance_m + STRETCH_COST * _excess_m(gaps, table, free_m) - share * math.dist(place, centre)
         cost = (value + OTHERS_SHARE * farther_m if farther_m > 0.0 else value, index)
         if best is None or cost < best:
             best = cost
