@@ -8,7 +8,8 @@ from groundstation.processes import Child
 
 PATIENCE_S = 60.0
 ATTEMPTS = 8
-ARMED_S = 10.0
+OBEYED_S = 10.0
+"""An order is obeyed within this, and the station has said so."""
 HOME_S = 90.0
 ENDED = ("stopped", "failed")
 
@@ -59,7 +60,7 @@ class Operator:
             if self._armed():
                 before_start()
                 self.site.order("start")
-                if self.words.startswith(("running", "completed")):
+                if self._says("running", "completed"):
                     return
             self.site.order("release")
         raise FleetError(f"not running after {ATTEMPTS} attempts: {self.words}")
@@ -68,8 +69,12 @@ class Operator:
         if self.phase("ready", *ENDED).startswith(ENDED):
             return False
         self.site.order("arm")
+        return self._says("armed")
+
+    def _says(self, *phases: str) -> bool:
+        """Whether the station comes to one of these phases, and to no end before: it may say so later than robots."""
         try:
-            return self.phase("armed", *ENDED, patience_s=ARMED_S).startswith("armed")
+            return self.phase(*phases, *ENDED, patience_s=OBEYED_S).startswith(phases)
         except FleetError:
             return False
 
