@@ -30,8 +30,6 @@ SHORTEST_WATCHDOG_S = 0.021
 SURE_AGE_S = 0.05
 """The supervisor tolerates poses older than the conditions make them by this."""
 POLL_S = 0.5
-THRESHOLDS = (50_000, 20, 100)
-"""Of the garbage collector during a mission."""
 
 
 class Calibrated(NamedTuple):
@@ -183,14 +181,15 @@ def local(jobs: list[Job], workers: int) -> Iterator[Result | None]:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Keep the garbage collector out of missions: it looks at what each leaves behind when it is over, at no more."""
-    thresholds = gc.get_threshold()
+    """Keep the garbage collector out of missions: until these are over they leave it nothing, and then all at once."""
+    working = gc.isenabled()
     gc.freeze()
-    gc.set_threshold(*THRESHOLDS)
+    gc.disable()
     try:
         yield
     finally:
-        gc.set_threshold(*thresholds)
+        if working:
+            gc.enable()
         gc.unfreeze()
 
 

@@ -4,6 +4,7 @@ import gc
 import math
 import weakref
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import pytest
@@ -15,7 +16,7 @@ from groundstation.conditions import FIELD, IDEAL, Conditions
 from groundstation.lockstep import World
 from groundstation.runfolder import read
 from groundstation.sweep import Job, arena_for, play
-from groundstation.targets import Scenario
+from groundstation.targets import Scenario, scenario
 
 
 @pytest.mark.parametrize("conditions", ["ideal", "field"])
@@ -153,15 +154,42 @@ def test_a_sweep_leaves_no_mission_behind_and_the_collector_as_it_was(monkeypatc
             worlds.append(weakref.ref(self))
 
     monkeypatch.setattr(sweep, "World", Noted)
-    before = (gc.get_threshold(), gc.get_freeze_count())
+    before = (gc.isenabled(), gc.get_freeze_count())
+    assert before[0]
     during = []
     for found in sweep.local([Job(2, 3, seed, "field", "ideal", 0.02) for seed in (1, 2)], 1):
-        during.append((gc.get_threshold(), gc.get_freeze_count() > 0))
+        during.append((gc.isenabled(), gc.get_freeze_count() > 0))
         if found is not None and len(worlds) == 2:
             assert worlds[0]() is None
     assert worlds[1]() is None
-    assert set(during) == {(sweep.THRESHOLDS, True)}
-    assert (gc.get_threshold(), gc.get_freeze_count()) == before
+    assert set(during) == {(False, True)}
+    assert (gc.isenabled(), gc.get_freeze_count()) == before
+
+
+@pytest.mark.parametrize("wired", [False, True])
+@pytest.mark.parametrize("conditions", ["ideal", "field"])
+def test_a_mission_leaves_the_collector_nothing_while_it_lasts(
+    conditions: Literal["ideal", "field"], wired: bool
+) -> None:
+    """Else its memory would grow without bound: nothing collects until it is over."""
+    job = Job(5, 5, 3, "field", conditions, 30.0)
+    world = World(arena_for(job), scenario(5, 5, 3), job.faced, 3, wired=wired, tap=lambda *_: None)
+    with sweep.undisturbed():
+        world.until(1.0)
+        gc.collect()
+        for moment in range(2, 7):
+            world.until(float(moment))
+            assert gc.collect() == 0
+
+
+def test_a_collector_that_was_off_stays_off() -> None:
+    gc.disable()
+    try:
+        with sweep.undisturbed():
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
 
 
 def test_a_run_that_breaks_is_kept_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
