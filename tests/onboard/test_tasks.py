@@ -471,6 +471,12 @@ def test_what_is_asked_of_memory_is_what_a_look_at_all_of_it_gives(
         assert memory.middle() == pytest.approx((sum(xs) / len(xs), sum(ys) / len(ys)), abs=1e-5)
 
 
+def test_a_target_just_where_the_look_by_cells_ends_is_found_once() -> None:
+    memory = TargetMemory()
+    memory.see_all({index: (memories.CELL_M * index / 2, 0.0) for index in range(memories.FEW + 5)})
+    assert [index for _, index in memory.nearest((0.0, 0.0))] == list(range(memories.FEW + 5))
+
+
 def test_the_middle_of_targets_told_over_the_wire_is_exact() -> None:
     memory = TargetMemory()
     memory.see_all({0: (0.1, 0.2), 1: (9.0, 9.0), 2: (0.5, 0.4)})

@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from onboard import unicycle
@@ -96,6 +96,8 @@ def test_where_it_wants_to_be_it_makes_way_for_nobody() -> None:
 # towards near robots
 
 
+@example(0.8, 1.2, 0.25, 1.0, True)
+@example(0.8, 1.2, 0.25, 1.0, False)
 @given(st.floats(0.0, 0.8), angles, st.floats(0.01, YIELD_RANGE_M - 1e-6), angles, st.booleans())
 def test_towards_a_near_robot_it_goes_no_faster_than_the_gap_closes_in_time_and_steps_to_the_right(
     speed: float, course: float, distance_m: float, bearing: float, resting: bool

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-FOUND_OUT = {1: "killed", 3: "killed", 24: "timeout", 36: "timeout", 152: "timeout", 255: "timeout"}
+FOUND_OUT = {1: "killed", 3: "killed", -24: "timeout", 24: "timeout", 36: "timeout", 152: "timeout", 255: "timeout"}
 """Exit codes of a mutant's tests; anything else is no verdict of theirs."""
 ALIVE = {0: "survived", 5: "no tests", 33: "no tests", None: "not run"}
 
