@@ -6,7 +6,7 @@ Robots on a grid 0.65 m wide, as many targets among them, virtual time under ide
 collector, as ``simulate`` plays. Per number of robots, so long after the start (later on robots know of more and more
 targets, and crowd): neighbours and targets known, CPU time per robot step, in it that of the agent's own step and of
 its thinking, and what the world needs to come up; last, the time per step of the robots by which this crowd is larger
-than the one before it.
+than the one before it, the first of all.
 
 The cost is linear in the number of robots where each robot added costs the same. In a small square it does not: most
 of its robots stand near an edge, and have fewer around them than those that come after. ``--columns`` makes the crowd a
@@ -38,6 +38,7 @@ SPACING_M = 0.65
 MARGIN_M = 0.5
 BLOCK = 8
 """Rows of robots among which their targets are."""
+NOBODY: dict[str, Any] = {"robots": 0, "all_us": 0.0}
 
 
 def crowd(robots: int, columns: int = 0, seed: int = 1) -> World:
@@ -136,7 +137,7 @@ def main() -> int:
         with undisturbed():
             for line in measured(robots, options.columns, options.after, options.seconds):
                 before = [other for other in found if other["after_s"] == line["after_s"] and other["robots"] < robots]
-                line["added_us"] = added_us(before[-1], line) if before else ""
+                line["added_us"] = added_us(before[-1] if before else NOBODY, line)
                 found.append(line)
                 if len(found) == 1:
                     print("".join(f"{name:>11}" for name in line))

@@ -1,6 +1,5 @@
 """The brake model against fine integration, and the properties the plan leans on."""
 
-import dataclasses
 import math
 
 import pytest
@@ -174,7 +173,10 @@ def test_a_robot_that_stops_at_once_after_an_arc_lies_on_its_chord(side: int) ->
     assert math.hypot(x, y) == pytest.approx(math.hypot(arc_x, arc_y), rel=0.015)
 
 
-def test_the_long_table_is_of_the_weakest_and_slowest_brake_and_the_short_one_of_the_strongest_and_quickest() -> None:
+def test_the_long_table_is_of_the_weakest_and_slowest_brake_and_the_short_one_of_the_strongest_and_quickest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stopping, "_tables", {})  # whoever asked for the same tables before had them made
     parameters = field_parameters()
     (weak, strong), (quick, slow) = parameters.brake_deceleration_mps2, parameters.motor_lag_s
     stops = stop_tables(parameters)
@@ -186,15 +188,3 @@ def test_the_long_table_is_of_the_weakest_and_slowest_brake_and_the_short_one_of
             assert table.place(*rims) == new.place(*rims)
             assert table.place_after(*rims, 0.5, 0.1, 0.02) == new.place_after(*rims, 0.5, 0.1, 0.02)
     assert all(a is b for a, b in zip(stops, stop_tables(field_parameters()), strict=True))
-
-
-def test_the_tables_are_those_of_both_ends_of_the_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Made anew here: others may have asked for the same ones before."""
-    monkeypatch.setattr(stopping, "_tables", {})
-    brakes = dataclasses.replace(field_parameters(2), brake_deceleration_mps2=(0.7, 2.1), motor_lag_s=(0.04, 0.12))
-    stops = stop_tables(brakes)
-    for table, brake in ((stops.long, Brake(0.7, 0.12)), (stops.short, Brake(2.1, 0.04))):
-        plain = StopTable(brake, brakes.max_speed_mps, brakes.wheel_separation_m)
-        assert (table.brake, table.wheel_separation_m) == (brake, brakes.wheel_separation_m)
-        assert table.place(0.5, 0.3) == plain.place(0.5, 0.3)
-    assert stop_tables(brakes).long is stops.long
